@@ -3,14 +3,50 @@
 // True if footprints may be drawn by their SPH kernels.
 override SMOOTHS: bool = false;
 
+// One number for each product.
+struct Factors {
+    low: vec4<f32>,
+    high: vec4<f32>,
+}
+
+// An entry of a table: antiderivatives, and functions with their derivatives over the factorials, in steps of the table.
+struct ProfileKnot {
+    sums: Factors,
+    values: Factors,
+    slopes: Factors,
+    seconds: Factors,
+    thirds: Factors,
+}
+
+struct Profiles {
+    // From the centre to the support.
+    knots: array<ProfileKnot, PROFILE_CELLS + 1u>,
+    signs: Factors,
+    // The greatest sum of products beyond the support; its share of the peak. The kernel is 0 where the sum is less.
+    least: f32,
+    least_share: f32,
+}
+
+// The frame's kernel.
+@group(0) @binding(10) var<uniform> profiles: Profiles;
+
 struct Smoothed {
     // True if the footprint is drawn by its SPH kernel rather than as a Gaussian.
     is_drawn: bool,
-    kernel: u32,
-    per_form: f32,
+    // Supports in a pixel along an axis; along x, at a fixed y.
+    per_px: vec2<f32>,
+    // Change of x by y on the line through the middles of the rows.
+    tilt: f32,
+    // Factor of a pixel's mean, as column.
     amplitude: f32,
-    bend: f32,
-    parts: u32,
+    // Rows of a pixel.
+    rows: f32,
+}
+
+// The entry nearest to a distance from the centre, and the place beside it, in steps of the table.
+struct NearestKnot {
+    index: u32,
+    t: f32,
 }
 
 fn smoothed_of(
@@ -24,78 +60,98 @@ fn smoothed_of(
     if !SMOOTHS || low_pass_variance_px2 != PIXEL_VARIANCE_PX2 {
         return own;
     }
-    own.kernel = smoothing - 1u;
     var reaches = REACHES;
     let wide = 1.0 / abs(p.x * r.y - p.y * r.x);
-    let reach_squared = (wide - PIXEL_VARIANCE_PX2) * reaches[own.kernel];
+    let reach_squared = (wide - PIXEL_VARIANCE_PX2) * reaches[smoothing - 1u];
     if !(reach_squared >= LEAST_DRAWN_PX * LEAST_DRAWN_PX && is_finite(reach_squared)) {
         return own;
     }
     own.is_drawn = true;
-    let least = LEAST_REACH_PX * LEAST_REACH_PX;
-    let is_half = reach_squared < least;
-    let is_quarter = reach_squared * 4.0 < least;
-    let is_eighth = reach_squared * 16.0 < least;
-    own.parts = select(select(select(1u, 2u, is_half), 4u, is_quarter), 8u, is_eighth);
-    let fine = reach_squared * f32(own.parts * own.parts);
-    own.per_form = wide / reach_squared;
-    own.amplitude = peak * TAU * own.per_form / f32(own.parts * own.parts);
-    own.bend = 1.0 / fine;
+    let per_form = wide / reach_squared;
+    let along = p.x * p.x + r.x * r.x;
+    own.tilt = -(p.x * p.y + r.x * r.y) / along;
+    let x = sqrt(along * per_form);
+    let area = per_form / wide;
+    own.per_px = vec2<f32>(x, area / x);
+    own.amplitude = peak * TAU * per_form;
+    own.rows = clamp(ceil(ROWS_PER_SHEAR * sqrt(abs(own.tilt) * area)), 1.0, MOST_ROWS);
     return own;
 }
 
-// Returns the share of a part of a pixel, by the footprint's quadratic form at its middle. Without a loop, because software
-// adapters end all loops of a thread after a number of iterations.
-fn smoothed_at(own: Smoothed, q: f32) -> f32 {
-    let t = min(q * own.per_form, 1.0);
-    let s = 2.0 * t - 1.0;
-    let u = s * s;
-    let rest = 1.0 - t;
-    var values = PROJECTED;
-    let v = 15u * own.kernel;
-    var even = values[v + 14u];
-    var odd = values[v + 13u];
-    even = even * u + values[v + 12u];
-    odd = odd * u + values[v + 11u];
-    even = even * u + values[v + 10u];
-    odd = odd * u + values[v + 9u];
-    even = even * u + values[v + 8u];
-    odd = odd * u + values[v + 7u];
-    even = even * u + values[v + 6u];
-    odd = odd * u + values[v + 5u];
-    even = even * u + values[v + 4u];
-    odd = odd * u + values[v + 3u];
-    even = even * u + values[v + 2u];
-    odd = odd * u + values[v + 1u];
-    even = even * u + values[v + 0u];
-    let value = (odd * s + even) * (rest * rest);
-    var bends = BENT;
-    let b = 11u * own.kernel;
-    even = bends[b + 10u];
-    odd = bends[b + 9u];
-    even = even * u + bends[b + 8u];
-    odd = odd * u + bends[b + 7u];
-    even = even * u + bends[b + 6u];
-    odd = odd * u + bends[b + 5u];
-    even = even * u + bends[b + 4u];
-    odd = odd * u + bends[b + 3u];
-    even = even * u + bends[b + 2u];
-    odd = odd * u + bends[b + 1u];
-    even = even * u + bends[b + 0u];
-    let bent = odd * s + even;
-    // The fit falls below 0 near the rim, by less than its error.
-    return own.amplitude * max((value + bent * own.bend) * rest, 0.0);
+fn nearest_knot(x: f32) -> NearestKnot {
+    let place = min(abs(x), 1.0) * f32(PROFILE_CELLS);
+    let nearest = round(place);
+    return NearestKnot(min(u32(nearest), PROFILE_CELLS), place - nearest);
+}
+
+// Returns the sum of a list and of three lists with weights.
+fn profile_series(first: Factors, a: Factors, b: Factors, c: Factors, weights: vec3<f32>) -> Factors {
+    return Factors(
+        first.low + (weights.x * a.low + (weights.y * b.low + weights.z * c.low)),
+        first.high + (weights.x * a.high + (weights.y * b.high + weights.z * c.high)),
+    );
+}
+
+// Returns the antiderivatives at a distance from the centre, for a positive distance.
+fn profile_sums(x: f32) -> Factors {
+    let near = nearest_knot(x);
+    let knot = profiles.knots[near.index];
+    let step = near.t / f32(PROFILE_CELLS);
+    let weights = vec3<f32>(step, step * (near.t / 2.0), step * (near.t * near.t * (1.0 / 3.0)));
+    return profile_series(knot.sums, knot.values, knot.slopes, knot.seconds, weights);
+}
+
+// Returns the functions at a distance from the centre.
+fn profile_values(x: f32) -> Factors {
+    let near = nearest_knot(x);
+    let knot = profiles.knots[near.index];
+    let square = near.t * near.t;
+    let weights = vec3<f32>(near.t, square, square * near.t);
+    return profile_series(knot.values, knot.slopes, knot.seconds, knot.thirds, weights);
+}
+
+// Returns the means along a side, by its middle and its length.
+fn profile_mean(middle: f32, length: f32) -> Factors {
+    if length < SHORT_SIDE {
+        let away = SIDE_PLACE * length;
+        let a = profile_values(middle - away);
+        let b = profile_values(middle + away);
+        return Factors(0.5 * (a.low + b.low), 0.5 * (a.high + b.high));
+    }
+    let begin = middle - 0.5 * length;
+    let end = middle + 0.5 * length;
+    let before = profile_sums(begin);
+    let after = profile_sums(end);
+    let per_length = 1.0 / length;
+    let of_before = select(per_length, -per_length, begin < 0.0);
+    let of_after = select(per_length, -per_length, end < 0.0);
+    return Factors(
+        of_after * after.low - of_before * before.low,
+        of_after * after.high - of_before * before.high,
+    );
 }
 
 // Returns the mean over the pixel whose centre lies `d` from the footprint's, px.
-fn smoothed_mean(own: Smoothed, p: vec2<f32>, r: vec2<f32>, d: vec2<f32>) -> f32 {
-    let step = 1.0 / f32(own.parts);
-    var sum = 0.0;
-    for (var n = 0u; n < own.parts * own.parts; n = n + 1u) {
-        let part = vec2<f32>(f32(n % own.parts), f32(n / own.parts));
-        let place = d + (part + 0.5) * step - 0.5;
-        let form = vec2<f32>(dot(p, place), dot(r, place));
-        sum = sum + smoothed_at(own, dot(form, form));
+fn smoothed_mean(own: Smoothed, d: vec2<f32>) -> f32 {
+    let y = max(abs(d.y) - 0.5, 0.0) * own.per_px.y;
+    if y >= 1.0 {
+        return 0.0;
     }
-    return sum;
+    let half_chord = sqrt(1.0 - y * y) / own.per_px.x + 0.5 + 0.5 * abs(own.tilt);
+    if !(abs(d.x - own.tilt * d.y) < half_chord) {
+        return 0.0;
+    }
+    let share = 1.0 / own.rows;
+    var sum = 0.0;
+    for (var row = 0.0; row < own.rows; row = row + 1.0) {
+        let dy = d.y + (row + 0.5) * share - 0.5;
+        let of_y = profile_mean(dy * own.per_px.y, share * own.per_px.y);
+        let of_x = profile_mean((d.x - own.tilt * dy) * own.per_px.x, own.per_px.x);
+        let low = profiles.signs.low * of_y.low;
+        let high = profiles.signs.high * of_y.high;
+        sum = sum + share * (dot(low, of_x.low) + dot(high, of_x.high));
+    }
+    // A share of the greatest pixel: of the peak, or of the mass where a pixel holds it all.
+    let least = min(profiles.least, profiles.least_share / (own.per_px.x * own.per_px.y));
+    return select(0.0, own.amplitude * sum, sum > least);
 }

@@ -299,9 +299,9 @@ pub struct ColumnSettings {
     pub low_pass_variance_px2: f32,
     /// Cut-off radius in standard deviations.
     pub cutoff: f32,
-    /// The SPH kernel that is drawn in place of its Gaussian: its projection, with compact support, within 1e-4 of a
-    /// particle's greatest pixel (Wendland C2: 2e-4). Particles must be round. Gaussians remain where the support is below
-    /// 1.75 px, where footprints are exact or near, with another filter or low-pass variance, and with a cut-off below the
+    /// The SPH kernel that is drawn in place of its Gaussian: its projection, with compact support, within 5e-5 of a
+    /// particle's greatest pixel. Particles must be round. Gaussians remain where the support is below
+    /// .25 px, where footprints are exact or near, with another filter or low-pass variance, and with a cut-off below the
     /// default. `None` draws Gaussians.
     pub smoothing: Option<SphKernel>,
     /// Planes outside which nothing counts. Kernels that a plane cuts count in part.

@@ -17,7 +17,7 @@ use crate::error::Result;
 use crate::image::{DepthImage, Image};
 use crate::record::{ExactTerms, Footprint, NearTerms, ViewUniform};
 use crate::scene::TransferFunction;
-use crate::splat::{Accumulate, Axes, Classify, Interval};
+use crate::splat::{Accumulate, Axes, Classify, Interval, Profiles};
 
 /// Settings that select a variant of the rasteriser.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -217,8 +217,8 @@ pub(super) struct Rasterise {
 /// more for each of the three depths at which it may be cut.
 const NEAR_ROUNDS: u32 = 45;
 
-/// Loop iterations of an SPH kernel: 64 parts of a pixel, with room for how adapters count them.
-const SMOOTHED_ROUNDS: u32 = 150;
+/// Loop iterations of an SPH kernel: eight rows of a pixel, with room for how adapters count them.
+const SMOOTHED_ROUNDS: u32 = 24;
 
 /// Returns the greatest number of entries of a list that a dispatch draws.
 pub(super) fn slice_of(gpu: &Gpu, spec: &RasterSpec) -> u32 {
@@ -273,6 +273,7 @@ impl Rasterise {
             constants.push(("HAS_SURFACE", flag(spec.has_surface())));
         }
         if axes.accumulate == Accumulate::Column {
+            bindings.push(Uniform);
             constants.push(("SMOOTHS", flag(axes.smooths)));
         } else {
             constants.push(("HAS_DEPTH", flag(axes.depth)));
@@ -293,18 +294,18 @@ impl Rasterise {
     /// Binds the rasteriser.
     ///
     /// - `surface`: pixels of the opaque surface; any buffer if there is none.
-    /// - `post`: table of [`classes`] and lighting, if layers are classified.
+    /// - `tables`: the profiles of the SPH kernel, for columns; the table of [`classes`] and lighting, if layers are classified.
     pub(super) fn bind<'a>(
         &self,
         gpu: &Gpu,
         b: &TileBuffers<'a>,
         pixels: &'a wgpu::Buffer,
         surface: &'a wgpu::Buffer,
-        post: Option<[&'a wgpu::Buffer; 2]>,
+        tables: &[&'a wgpu::Buffer],
     ) -> BoundTiles {
         let mut buffers = b.with(pixels).to_vec();
         buffers.push(surface);
-        buffers.extend(post.into_iter().flatten());
+        buffers.extend(tables);
         BoundTiles {
             kernel: self.kernel.bind(gpu, &buffers),
             slice: self.slice,
@@ -340,6 +341,7 @@ pub fn rasterise(
     let [width, height] = view.size.map(|n| n as usize);
     let tiles = view.size.map(|n| n.div_ceil(TILE_SIZE as u32));
     let kernel = Rasterise::new(gpu, spec);
+    let smoothing = view.smoothing;
     let view = gpu.uniform("view", view)?;
     let footprints = gpu.upload("footprints", footprints)?;
     let exact = gpu.upload("exact terms", exact)?;
@@ -356,6 +358,10 @@ pub fn rasterise(
         of_surface.extend(depth.depths.iter().copied().map(word_of_depth));
     }
     let of_surface = gpu.upload("surface", &of_surface)?;
+    let is_column = spec.axes.accumulate == Accumulate::Column;
+    let profiles = is_column.then(|| gpu.uniform("profiles", Profiles::of(smoothing)));
+    let profiles = profiles.transpose()?;
+    let tables: Vec<_> = profiles.iter().collect();
     for [chunk, tile_ranges, tile_lists] in &upload_lists(gpu, lists, tiles, chunks)? {
         let buffers = TileBuffers {
             chunk,
@@ -367,7 +373,7 @@ pub fn rasterise(
             near: &near,
             progress: &progress,
         };
-        let bound = kernel.bind(gpu, &buffers, &pixels, &of_surface, None);
+        let bound = kernel.bind(gpu, &buffers, &pixels, &of_surface, &tables);
         gpu.run(|pass| bound.encode(pass, tiles[0] * tiles[1], longest(lists)));
     }
     let of_pixels = Background::new(background, false, count as u32);

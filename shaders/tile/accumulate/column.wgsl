@@ -61,7 +61,7 @@ fn add(n: u32, footprint: TileFootprint, sample: Sample, ray: TileRay, side: u32
         let r = footprint.form_r;
         let kernel = smoothed_of(view.smoothing, view.low_pass_variance_px2, p, r, footprint.peak);
         if kernel.is_drawn {
-            tau = smoothed_mean(kernel, p, r, offset_from(footprint.centre_px, ray));
+            tau = smoothed_mean(kernel, offset_from(footprint.centre_px, ray));
         } else {
             let own = pixel_mean_of(view.low_pass_variance_px2, p, r, footprint.peak);
             if own.is_mean {

@@ -24,7 +24,7 @@ use crate::gpu::sort::{BoundSort, Sort};
 use crate::gpu::surface::{BoundSurface, Surface};
 use crate::gpu::tile::{BoundTiles, TileBuffers, TileProgress};
 use crate::record::{ChunkUniform, ExactTerms, Footprint, ViewUniform};
-use crate::splat::Classify;
+use crate::splat::{Classify, Profiles};
 
 /// A rasteriser with its buffers, and the kernel that turns its last chunk into the band's pixels.
 #[derive(Debug)]
@@ -63,6 +63,8 @@ pub(in crate::gpu) struct PassFrame {
     pub(super) rasterise: BoundRaster,
     /// Table that classifies layers, if layers are classified.
     pub(super) classes: Option<wgpu::Buffer>,
+    /// The frame's SPH kernel, of columns.
+    pub(super) profiles: Option<wgpu::Buffer>,
     /// Pixels of a band.
     pub(in crate::gpu) pixels: wgpu::Buffer,
     pub(super) progress: wgpu::Buffer,
@@ -135,6 +137,10 @@ impl PassFrame {
         let no_classes = || vec![[0.0_f32; 4]; CLASSIFICATION_TABLE_LEN];
         let classes = is_classified
             .then(|| gpu.uniform_list("classes of layers", &no_classes()))
+            .transpose()?;
+        let profiles = kind
+            .is_column()
+            .then(|| gpu.uniform("profiles", Profiles::of(0)))
             .transpose()?;
         let raster = pass.raster(gpu, kind);
         let has_edges = kind.axes.edges && matches!(raster, Raster::Volumes(_));
@@ -242,8 +248,11 @@ impl PassFrame {
                 let none = gpu.buffer("no surface", 0)?;
                 let behind = surface.unwrap_or(&none);
                 let rasterise = Rasterise::new(gpu, spec);
-                let post = classes.as_ref().map(|classes| [classes, &buffers.lighting]);
-                let bound = rasterise.bind(gpu, &of_tiles, &pixels, behind, post);
+                let mut tables: Vec<_> = profiles.iter().collect();
+                if let Some(classes) = &classes {
+                    tables.extend([classes, &buffers.lighting]);
+                }
+                let bound = rasterise.bind(gpu, &of_tiles, &pixels, behind, &tables);
                 let compose = surface.map(|surface| {
                     Compose::new(gpu, &spec.axes).bind(gpu, background, &pixels, surface)
                 });
@@ -271,6 +280,7 @@ impl PassFrame {
             bin,
             rasterise,
             classes,
+            profiles,
             pixels,
             progress,
             cuts,

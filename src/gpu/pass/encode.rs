@@ -16,6 +16,7 @@ use crate::gpu::resolve::Resolve;
 use crate::gpu::timer::{Stage, Timer};
 use crate::record::ChunkUniform;
 use crate::scene::TransferFunction;
+use crate::splat::Profiles;
 
 impl PassFrame {
     /// Submits the stages common to all bands: cull, classify, shade, project, sort.
@@ -45,6 +46,10 @@ impl PassFrame {
         }
         if let (Some(buffer), Some(transfer)) = (&self.classes, post) {
             gpu.write(buffer, bytemuck::cast_slice(&classes(transfer)));
+        }
+        if let (Some(buffer), true) = (&self.profiles, pass.axes.smooths) {
+            let profiles = Profiles::of(pass.view.smoothing);
+            gpu.write(buffer, bytemuck::bytes_of(profiles));
         }
         if let (Some(buffer), Some(tiles)) = (&self.drawn_tiles, &plan.tiles) {
             let words: Vec<u32> = tiles.iter().map(|is| u32::from(*is)).collect();

@@ -32,7 +32,7 @@ use crate::record::{
     PATH_NEAR, ViewUniform,
 };
 use crate::simd::{SimdLevel, SimdWork, run_at};
-use crate::splat::{Band, MOST_PARTS, PixelMean, Smoothed};
+use crate::splat::{Band, PixelMean, RANK, Smoothed};
 use crate::task::{Stage, Task};
 
 const SIZE: usize = COLUMN_TILE_SIZE;
@@ -67,8 +67,16 @@ impl TileSums {
     const ZERO: Self = Self([0.0; PIXELS]);
 }
 
+/// Memory of a task.
 #[repr(align(64))]
-struct FineSums([f32; PIXELS]);
+struct Scratch {
+    /// Sums of the pixels.
+    sums: [f32; PIXELS],
+    /// Factors of the tile's rows and of its columns, and those of the columns in a list for each product.
+    of_rows: [[f32; RANK]; SIZE],
+    of_columns: [[f32; RANK]; SIZE],
+    lists: [[f32; SIZE]; RANK],
+}
 
 /// Input of a frame's sums.
 #[derive(Debug, Clone, Copy)]
@@ -240,7 +248,12 @@ impl SimdWork for SumTask<'_> {
         } = self;
         let mut list = input.bins.tile(tile).skip(list.start).take(list.len());
         let tile = ColumnTile::new(input, place);
-        let mut fine = FineSums([0.0; PIXELS]);
+        let mut scratch = Scratch {
+            sums: [0.0; PIXELS],
+            of_rows: [[0.0; RANK]; SIZE],
+            of_columns: [[0.0; RANK]; SIZE],
+            lists: [[0.0; SIZE]; RANK],
+        };
         sums.0.fill(0.0);
         let mut splat_pixels = 0;
         let mut run = [0_u32; RUN];
@@ -254,9 +267,9 @@ impl SimdWork for SumTask<'_> {
             for &i in &run[..len] {
                 let footprint = &input.footprints[i as usize];
                 let exact = input.exact.get(i as usize);
-                splat_pixels += u64::from(tile.add::<FMA>(&mut fine, footprint, exact));
+                splat_pixels += u64::from(tile.add::<FMA>(&mut scratch, footprint, exact));
             }
-            for (sum, fine) in sums.0.iter_mut().zip(&mut fine.0) {
+            for (sum, fine) in sums.0.iter_mut().zip(&mut scratch.sums) {
                 *sum += f64::from(*fine);
                 *fine = 0.0;
             }
@@ -359,7 +372,7 @@ impl<'a> ColumnTile<'a> {
     #[inline(always)]
     fn add<const FMA: bool>(
         &self,
-        fine: &mut FineSums,
+        scratch: &mut Scratch,
         footprint: &Footprint,
         exact: Option<&ExactTerms>,
     ) -> u32 {
@@ -368,26 +381,30 @@ impl<'a> ColumnTile<'a> {
             return 0;
         }
         if !self.spans.is_empty() && self.may_be_cut(footprint, exact) {
-            return self.add_parts::<FMA>(fine, footprint, exact, &patch);
+            return self.add_parts::<FMA>(scratch, footprint, exact, &patch);
         }
         if exact.is_some_and(|terms| terms.edges != 0) {
-            return self.add_parts::<FMA>(fine, footprint, exact, &patch);
+            return self.add_parts::<FMA>(scratch, footprint, exact, &patch);
         }
         match (footprint.path & 3, exact) {
-            (PATH_NEAR | PATH_HALF_LINE, _) => self.add_parts::<FMA>(fine, footprint, None, &patch),
-            (PATH_EXACT, Some(terms)) => self.add_form::<FMA, true>(fine, footprint, terms, &patch),
+            (PATH_NEAR | PATH_HALF_LINE, _) => {
+                self.add_parts::<FMA>(scratch, footprint, None, &patch)
+            }
+            (PATH_EXACT, Some(terms)) => {
+                self.add_form::<FMA, true>(scratch, footprint, terms, &patch)
+            }
             _ => {
                 if let Some(kernel) = Smoothed::of(self.input.view, footprint) {
-                    return self.add_smoothed::<FMA>(fine, footprint, &kernel, &patch);
+                    return self.add_smoothed::<FMA>(scratch, footprint, &kernel, &patch);
                 }
                 let mean = PixelMean::of(self.input.view, footprint);
                 if is_aligned(footprint) {
-                    self.add_separable::<FMA>(fine, footprint, mean, &patch)
+                    self.add_separable::<FMA>(scratch, footprint, mean, &patch)
                 } else if let Some(mean) = mean {
-                    self.add_mean::<FMA>(fine, footprint, &mean, &patch)
+                    self.add_mean::<FMA>(scratch, footprint, &mean, &patch)
                 } else {
                     let none = ExactTerms::default();
-                    self.add_form::<FMA, false>(fine, footprint, &none, &patch)
+                    self.add_form::<FMA, false>(scratch, footprint, &none, &patch)
                 }
             }
         }
@@ -398,7 +415,7 @@ impl<'a> ColumnTile<'a> {
     #[inline(always)]
     fn add_separable<const FMA: bool>(
         &self,
-        fine: &mut FineSums,
+        scratch: &mut Scratch,
         footprint: &Footprint,
         mean: Option<PixelMean>,
         patch: &Patch,
@@ -456,7 +473,7 @@ impl<'a> ColumnTile<'a> {
         let end = patch.columns[1].div_ceil(CHUNK);
         let first = (patch.columns[0] / CHUNK).min(SIZE / CHUNK - 2);
         let start = patch.rows[0] * SIZE + first * CHUNK;
-        let (row, fine) = (&row[first * CHUNK..], &mut fine.0[start..]);
+        let (row, fine) = (&row[first * CHUNK..], &mut scratch.sums[start..]);
         match end - first {
             1 | 2 => add_outer::<FMA, { 2 * CHUNK }>(fine, row, column),
             3 => add_outer::<FMA, { 3 * CHUNK }>(fine, row, column),
@@ -485,7 +502,7 @@ impl<'a> ColumnTile<'a> {
     #[inline(always)]
     fn add_mean<const FMA: bool>(
         &self,
-        fine: &mut FineSums,
+        scratch: &mut Scratch,
         footprint: &Footprint,
         mean: &PixelMean,
         patch: &Patch,
@@ -509,7 +526,7 @@ impl<'a> ColumnTile<'a> {
             let dy = self.place.px(1, y) - cy;
             let [first, end] = chords.columns(cutoff, dy, patch);
             let form = RowForm::new(footprint, dy);
-            let row = &mut fine.0[y * SIZE..(y + 1) * SIZE];
+            let row = &mut scratch.sums[y * SIZE..(y + 1) * SIZE];
             let band = match mean.has_rows {
                 true => mean.band::<FMA>(dy),
                 false => Band::default(),
@@ -536,12 +553,11 @@ impl<'a> ColumnTile<'a> {
         count
     }
 
-    /// Adds the projection of an SPH kernel, averaged over pixels, row by row. The parts of a row's pixels are evaluated side by
-    /// side between the ends of the kernel, and then added up.
+    /// Adds the projection of an SPH kernel, averaged over pixels.
     #[inline(always)]
     fn add_smoothed<const FMA: bool>(
         &self,
-        fine: &mut FineSums,
+        scratch: &mut Scratch,
         footprint: &Footprint,
         kernel: &Smoothed,
         patch: &Patch,
@@ -550,43 +566,62 @@ impl<'a> ColumnTile<'a> {
         let (footprint, kernel) = (&{ *footprint }, &{ *kernel });
         let sign = footprint.carried.sign();
         let [cx, cy] = footprint.centre_px;
+        if kernel.is_separable() {
+            let sides = |axis: usize, [first, end]: [usize; 2]| {
+                let (middle, half) = (
+                    footprint.centre_px[axis] - self.place.px(axis, 0),
+                    kernel.half_extent(axis),
+                );
+                let first = first.max((middle - half + 1.0).max(0.0) as usize);
+                let end = end.min((middle + half).ceil().max(0.0) as usize);
+                (
+                    first,
+                    end,
+                    self.place.px(axis, first) - footprint.centre_px[axis],
+                )
+            };
+            let (first_x, end_x, dx) = sides(0, patch.columns);
+            let (first_y, end_y, dy) = sides(1, patch.rows);
+            if first_x >= end_x || first_y >= end_y {
+                return 0;
+            }
+            let of_columns = &mut scratch.of_columns[first_x..end_x];
+            kernel.factors::<FMA>(0, dx, of_columns);
+            let of_rows = &mut scratch.of_rows[first_y..end_y];
+            kernel.factors::<FMA>(1, dy, of_rows);
+            // As in `add_separable`.
+            let end = end_x.div_ceil(CHUNK);
+            let first = (first_x / CHUNK).min(SIZE / CHUNK - 2);
+            let start = first * CHUNK;
+            for (k, list) in scratch.lists.iter_mut().enumerate() {
+                list[start..end.max(first + 2) * CHUNK].fill(0.0);
+                for (place, factors) in list[first_x..end_x].iter_mut().zip(&*of_columns) {
+                    *place = factors[k];
+                }
+            }
+            let (lists, sums) = (&scratch.lists, &mut scratch.sums[first_y * SIZE + start..]);
+            let of_rows = &*of_rows;
+            match end - first {
+                1 | 2 => {
+                    add_products::<FMA, { 2 * CHUNK }>(sums, lists, start, of_rows, kernel, sign)
+                }
+                3 => add_products::<FMA, { 3 * CHUNK }>(sums, lists, start, of_rows, kernel, sign),
+                _ => add_products::<FMA, { 4 * CHUNK }>(sums, lists, start, of_rows, kernel, sign),
+            }
+            return ((end_x - first_x) * (end_y - first_y)) as u32;
+        }
         let chords = self.chords(footprint);
-        let parts = kernel.parts();
-        let step = 1.0 / parts as f32;
-        let mut samples = [0.0; SIZE * MOST_PARTS + CHUNK];
         let mut count = 0;
         for y in patch.rows[0]..patch.rows[1] {
             let dy = self.place.px(1, y) - cy;
-            let [first, end] = chords.columns(kernel.farthest, dy, patch);
-            if first >= end {
-                continue;
-            }
-            count += (end - first) as u32;
-            samples[first * parts..end * parts].fill(0.0);
-            for part in kernel.offsets() {
-                let dy = dy + part;
-                // The first sample of a pixel lies half a step behind its left edge, half a pixel before its centre.
-                let middle = (chords.middle(dy) + 0.5) * parts as f32;
-                let chord = chords.half(kernel.rim(), dy) * parts as f32;
-                let begin = (first * parts).max((middle - chord).max(0.0) as usize);
-                let end = (end * parts).min((middle + chord + 1.0).max(0.0) as usize);
-                let form = RowForm::new(footprint, dy);
-                let corner = self.place.px(0, 0) - cx - 0.5 + 0.5 * step;
-                for start in (begin..end).step_by(CHUNK) {
-                    let Some(sums) = samples[start..].first_chunk_mut::<CHUNK>() else {
-                        continue;
-                    };
-                    let base = madd::<FMA>(start as f32, step, corner);
-                    for (lane, sum) in sums.iter_mut().enumerate() {
-                        let q = form.q::<FMA>(madd::<FMA>(lane as f32, step, base));
-                        *sum += kernel.at::<FMA>(q);
-                    }
-                }
-            }
-            let row = &mut fine.0[y * SIZE..(y + 1) * SIZE];
-            let pixels = samples[first * parts..end * parts].chunks_exact(parts);
-            for (pixel, samples) in row[first..end].iter_mut().zip(pixels) {
-                *pixel += sign * samples.iter().sum::<f32>();
+            let half = kernel.half_chord(dy);
+            let middle = chords.middle(dy);
+            let first = patch.columns[0].max((middle - half + 1.0).max(0.0) as usize);
+            let end = patch.columns[1].min((middle + half).ceil().max(0.0) as usize);
+            let row = &mut scratch.sums[y * SIZE..(y + 1) * SIZE];
+            for (x, pixel) in row.iter_mut().enumerate().take(end).skip(first) {
+                *pixel += sign * kernel.mean::<FMA>([self.place.px(0, x) - cx, dy]);
+                count += 1;
             }
         }
         count
@@ -597,7 +632,7 @@ impl<'a> ColumnTile<'a> {
     #[inline(always)]
     fn add_form<const FMA: bool, const EXACT: bool>(
         &self,
-        fine: &mut FineSums,
+        scratch: &mut Scratch,
         footprint: &Footprint,
         terms: &ExactTerms,
         patch: &Patch,
@@ -628,7 +663,7 @@ impl<'a> ColumnTile<'a> {
             let slope_y = ray(self.input.view, Vec2::new(0.0, self.place.px(1, y))).y;
             for chunk in first / CHUNK..end.div_ceil(CHUNK) {
                 let start = chunk * CHUNK;
-                let Some(out) = fine.0[y * SIZE + start..].first_chunk_mut::<CHUNK>() else {
+                let Some(out) = scratch.sums[y * SIZE + start..].first_chunk_mut::<CHUNK>() else {
                     continue;
                 };
                 let Some(limit) = limits[start..].first_chunk::<CHUNK>() else {
@@ -671,7 +706,7 @@ impl<'a> ColumnTile<'a> {
     #[inline(always)]
     fn add_parts<const FMA: bool>(
         &self,
-        fine: &mut FineSums,
+        scratch: &mut Scratch,
         footprint: &Footprint,
         exact: Option<&ExactTerms>,
         patch: &Patch,
@@ -719,7 +754,7 @@ impl<'a> ColumnTile<'a> {
                             continue;
                         }
                         if let Some(kernel) = &kernel {
-                            *tau = kernel.mean::<FMA>(footprint, d);
+                            *tau = kernel.mean::<FMA>(d);
                         } else if let Some(mean) = &mean {
                             *tau = mean.at::<FMA>(d);
                         }
@@ -732,7 +767,7 @@ impl<'a> ColumnTile<'a> {
                         taus = between(&row, &near, &far);
                     }
                     let first = (part_y * TILE_SIZE + y) * SIZE + part_x * TILE_SIZE;
-                    for (sum, tau) in fine.0[first..].iter_mut().zip(taus) {
+                    for (sum, tau) in scratch.sums[first..].iter_mut().zip(taus) {
                         *sum += tau * sign;
                     }
                 }
@@ -757,6 +792,44 @@ fn add_outer<const FMA: bool, const WIDTH: usize>(fine: &mut [f32], row: &[f32],
         };
         for (sum, &value) in fine.iter_mut().zip(&row) {
             *sum = madd::<FMA>(weight, value, *sum);
+        }
+    }
+}
+
+/// Adds sums of products of columns and rows to consecutive rows of `WIDTH` pixels.
+///
+/// - `first`: first column.
+#[inline(always)]
+fn add_products<const FMA: bool, const WIDTH: usize>(
+    sums: &mut [f32],
+    lists: &[[f32; SIZE]; RANK],
+    first: usize,
+    of_rows: &[[f32; RANK]],
+    kernel: &Smoothed,
+    sign: f32,
+) {
+    let mut columns = [[0.0; WIDTH]; RANK];
+    for (own, list) in columns.iter_mut().zip(lists) {
+        let Some(list) = list[first..].first_chunk::<WIDTH>() else {
+            return;
+        };
+        *own = *list;
+    }
+    let least = kernel.least;
+    for (sums, of_y) in sums.chunks_mut(SIZE).zip(of_rows) {
+        let Some(sums) = sums.first_chunk_mut::<WIDTH>() else {
+            return;
+        };
+        let weights = kernel.weights(of_y);
+        let mut means = [0.0; WIDTH];
+        for k in 0..RANK {
+            for lane in 0..WIDTH {
+                means[lane] = madd::<FMA>(weights[k], columns[k][lane], means[lane]);
+            }
+        }
+        for lane in 0..WIDTH {
+            let mean = means[lane];
+            sums[lane] += if mean > least { sign * mean } else { 0.0 };
         }
     }
 }
