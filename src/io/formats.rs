@@ -19,7 +19,7 @@ use super::grid::netcdf;
 use super::grid::{ensight, openfoam, plot3d, plotfile, tecplot};
 use super::mesh::{gltf, obj, stl, threemf};
 use super::options::OpenOptions;
-use super::particles::{arrow, csv, gadget, hdf5, npy, npz, tipsy};
+use super::particles::{arrow, csv, gadget, hdf5, npy, npz, phantom, tipsy};
 use super::parts::plane_source;
 use super::splats::{gltf_splats, ksplat, sog, splat, spz, usd};
 #[cfg(feature = "dicom")]
@@ -440,11 +440,21 @@ static FORMATS: &[Format] = &[
         ..PLAIN
     },
     Format {
+        name: "Phantom's native dumps",
+        family: Family::Particles,
+        endings: &[],
+        reads: "full and small ones, in either byte order and precision, of one process or several; those that name their arrays \
+                (since 2014). Which of their particles: [below](#types-of-particles)",
+        begins: |p| phantom::native::looks_like(p.head),
+        read: |input, options| phantom::native::read(input, options.particle_type),
+        ..PLAIN
+    },
+    Format {
         name: "tipsy snapshots",
         family: Family::Particles,
         endings: &["tipsy", "tip"],
-        reads: "of Gasoline, ChaNGa and PKDGRAV, in either byte order, whatever their name; their softening is none of the \
-                kernels' lengths. Which of their particles: [below](#types-of-particles)",
+        reads: "of Gasoline, ChaNGa and PKDGRAV, in either byte order, whatever their name; softenings are not used as \
+                lengths. Which of their particles: [below](#types-of-particles)",
         begins: |p| tipsy::looks_like(p.head, p.len),
         read: |input, options| tipsy::read(input, options.particle_type),
         ..PLAIN

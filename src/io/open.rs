@@ -6,7 +6,7 @@ use super::bytes::file::{HEAD, Input};
 use super::folder::of_folder;
 use super::formats::recognise;
 use super::options::OpenOptions;
-use super::particles::{gadget, hdf5, tipsy};
+use super::particles::{gadget, hdf5, phantom, tipsy};
 use crate::data::dataset::Dataset;
 use crate::error::Result;
 
@@ -26,15 +26,17 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
     read_input(Input::of_file(&path), options)
 }
 
-/// Returns true if a file may hold particles of several types: if it is HDF5, a binary Gadget snapshot or a tipsy snapshot.
+/// Returns true if a file may hold particles of several types: if it is HDF5, a binary Gadget snapshot, a native dump of Phantom or a tipsy snapshot.
 /// [`OpenOptions::particle_type`] chooses one of the types.
 ///
 /// # Errors
 /// The file cannot be read.
 pub fn has_particle_types(path: &Path) -> Result<bool> {
     let (head, len) = Input::of_file(path).head(HEAD)?;
-    let is_old = gadget::looks_like(&head) || tipsy::looks_like(&head, len);
-    Ok(head.starts_with(hdf5::MAGIC) || is_old)
+    Ok(head.starts_with(hdf5::MAGIC)
+        || gadget::looks_like(&head)
+        || phantom::native::looks_like(&head)
+        || tipsy::looks_like(&head, len))
 }
 
 /// Reads a data file from its bytes, as [`open`] does from the disk.

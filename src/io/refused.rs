@@ -411,12 +411,6 @@ static REFUSED: &[Refused] = &[
         ..PLAIN
     },
     Refused {
-        name: "a native dump of Phantom",
-        is_binary: is_phantom,
-        advice: "write it as HDF5 (phantom2hdf5, or Phantom built with HDF5=yes), or as a table: sarracen and plonk read it",
-        ..PLAIN
-    },
-    Refused {
         name: "a Houdini geometry",
         endings: &["bgeo", "bgeo.gz", "bgeo.sc", "geo.gz"],
         magic: &[
@@ -980,15 +974,6 @@ fn is_atoms(text: &str) -> bool {
     // The last line of the first bytes may be cut.
     let whole = atoms.len().saturating_sub(1).max(1);
     !atoms.is_empty() && atoms.iter().take(whole).all(is_atom)
-}
-
-/// The numbers in the first record of a dump, by which Phantom identifies its files: 60769, a real, 60878.
-fn is_phantom(head: &[u8], _: u64) -> bool {
-    let is_at = |at: usize, number: u32| {
-        let bytes = head.get(at..at + 4);
-        bytes == Some(&number.to_le_bytes()) || bytes == Some(&number.to_be_bytes())
-    };
-    is_at(4, 60769) && [12, 16, 20, 24].iter().any(|at| is_at(*at, 60878))
 }
 
 #[cfg(test)]

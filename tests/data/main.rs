@@ -39,6 +39,7 @@ mod nrrd;
 mod openfoam;
 mod packed_meshes;
 mod particles;
+mod phantom_native;
 mod plot3d;
 #[cfg(feature = "prepared")]
 mod prepared;

@@ -66,9 +66,6 @@ fn what_others_write_is_named_by_content_whatever_its_name() {
     let mut xtc = [1995_i32, 3, 0, 0].map(i32::to_be_bytes).concat();
     xtc.resize(52, 0);
     xtc.extend(3_i32.to_be_bytes());
-    let mut phantom = [136_u32, 60769].map(u32::to_le_bytes).concat();
-    phantom.extend(1.0_f64.to_le_bytes());
-    phantom.extend([60878_u32, 1, 690_706].map(u32::to_le_bytes).concat());
     let gro = b"water\n    1\n    1SOL     OW    1   0.126   1.624   1.679\n   1.8 1.8 1.8\n";
     let pdb = b"ATOM      1  N   ALA A   1      11.104   6.134  -6.504  1.00  0.00           N\n";
     let cube = b"density\nmade by hand\n 1 0.0 0.0 0.0\n 2 1 0 0\n 2 0 1 0\n 2 0 0 1\n 1 0.0 0.0 0.0 0.0\n 1.0\n";
@@ -195,7 +192,6 @@ fn what_others_write_is_named_by_content_whatever_its_name() {
             "a file of atoms",
             "ASE",
         ),
-        ("Phantom", &phantom, "a native dump of Phantom", "sarracen"),
         ("Houdini", b"\x7fNSJb\0", "a Houdini geometry", "PLY"),
         ("OFF", b"# made by hand\nOFF\n4 4 6\n", "an OFF mesh", "PLY"),
         (

@@ -91,5 +91,8 @@ fn files_are_known_by_their_length() {
     large[8..12].copy_from_slice(&(u32::MAX - 4).to_be_bytes());
     large[16..20].copy_from_slice(&(u32::MAX - 9).to_be_bytes());
     let error = read("a.tipsy", &large, &options).unwrap_err();
-    assert!(error.to_string().contains("4294967286 of gas"), "{error}");
+    assert!(
+        error.to_string().contains("4294967286 gas particles"),
+        "{error}"
+    );
 }

@@ -103,6 +103,8 @@ fn seeds() -> Vec<Set> {
         fixture("phantom_sinks.h5"),
         fixture("swift_units.h5"),
         fixture("snapshot.tipsy"),
+        fixture("phantom/sarracen"),
+        fixture("phantom/two_processes"),
         (
             "a.csv".into(),
             b"x,y,z,h,m\n1,2,3,.5,1\n4,5,6,.5,1\n".to_vec(),

@@ -30,9 +30,10 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use super::hdf5::gadget::{LENGTH_NOTE, NO_LENGTH_NOTE, TYPES, choose};
+use super::hdf5::gadget::{LENGTH_NOTE, NO_LENGTH_NOTE, TYPES};
 use super::periodic::note_reach;
 use super::table::{self, list};
+use super::types::choose;
 use crate::data::association::Association;
 use crate::data::dataset::{Dataset, Field, FieldSource};
 use crate::data::particle_type::{ParticleCount, ParticleType};

@@ -7,5 +7,7 @@ pub(super) mod hdf5;
 pub(super) mod npy;
 pub(super) mod npz;
 pub(super) mod periodic;
+pub(super) mod phantom;
 pub(super) mod table;
 pub(super) mod tipsy;
+mod types;

@@ -1,6 +1,6 @@
 //! Reads tipsy snapshots, of Gasoline, ChaNGa and PKDGRAV: the structures of `tipsydefs.h`.
 //!
-//! A file is a header, then the gas, the dark matter and the stars, of which each particle is a structure of f32.
+//! A file is a header, then the gas, the dark matter and the stars. Each particle is a structure of f32.
 //!
 //! | byte of the header | contents |
 //! |---|---|
@@ -15,14 +15,15 @@
 //! | dark matter | mass, position, velocity, softening, potential |
 //! | stars | mass, position, velocity, metals, time of formation, softening, potential |
 //!
-//! Either byte order occurs ("standard" files are big-endian). Nothing marks a file as tipsy but that the numbers of particles
-//! add up, and to its length. The definition calls the softening of gas `hsmooth`, but codes write their gravitational softening
+//! Either byte order occurs ("standard" files are big-endian). Files have no magic number: counts that add up, and the length,
+//! identify them. The definition calls the softening of gas `hsmooth`, but codes write their gravitational softening
 //! there. So sizes come from mass over density.
 
 use std::ops::Range;
 
-use super::hdf5::gadget::{NO_LENGTH_NOTE, choose};
+use super::hdf5::gadget::NO_LENGTH_NOTE;
 use super::table;
+use super::types::choose;
 use crate::data::association::Association;
 use crate::data::dataset::{Dataset, Field, FieldSource};
 use crate::data::particle_type::{ParticleCount, ParticleType};
@@ -42,7 +43,7 @@ const NUMBER: usize = 4;
 struct Kind {
     name: &'static str,
     types: &'static [ParticleType],
-    /// What follows mass, position and velocity.
+    /// Fields after mass, position and velocity.
     others: &'static [&'static str],
 }
 
@@ -107,7 +108,7 @@ impl Header {
 
     /// Returns the bytes of each kind's particles in a file of a length; `None` if the length differs.
     ///
-    /// - `head`: the first bytes. Zeros behind the header are padding: without any, the first mass would be 0. So a file that
+    /// - `head`: the first bytes. Zeros behind the header are padding: without any, the first mass would be 0. So a file with padding of zeros that
     ///   lacks its last four bytes is not taken for one without padding.
     fn ranges(&self, head: &[u8], len: usize) -> Option<[Range<usize>; 3]> {
         let mut at = len.checked_sub(self.size())?;
@@ -139,15 +140,16 @@ pub(in crate::io) fn read(input: Input<'_>, wanted: Option<ParticleType>) -> Res
     let (head, len) = input.head(HEADER + PADDING)?;
     let header = Header::of(&head).ok_or_else(|| {
         let expected = "numbers of gas, dark matter and stars that add up, and 3 dimensions";
-        Error::format(path, "header", expected, "others", damaged)
+        Error::format(path, "header", expected, "other numbers", damaged)
     })?;
     let ranges = usize::try_from(len).ok();
     let ranges = ranges.and_then(|len| header.ranges(&head, len));
     let ranges = ranges.ok_or_else(|| {
         let [gas, dark, stars] = header.counts;
         let size = header.size().saturating_add(HEADER + PADDING);
-        let expected =
-            format!("{size} bytes for {gas} of gas, {dark} of dark matter and {stars} stars");
+        let expected = format!(
+            "{size} bytes for {gas} gas particles, {dark} of dark matter and {stars} stars"
+        );
         Error::format(path, "length", expected, format!("{len} bytes"), damaged)
     })?;
     let present: Vec<usize> = (0..3).filter(|kind| header.counts[*kind] > 0).collect();
@@ -173,7 +175,7 @@ pub(in crate::io) fn read(input: Input<'_>, wanted: Option<ParticleType>) -> Res
         step,
         count,
     };
-    let short = || Error::format(path, "particles", "all bytes", "fewer", damaged);
+    let short = || Error::format(path, "particles", "all bytes", "fewer bytes", damaged);
     let number = |number: usize| values(bytes, encoding, stride(number)).ok_or_else(short);
     let places = [1, 2, 3].map(|number| (encoding, stride(number)));
     let places = positions(bytes, places).ok_or_else(short)?;

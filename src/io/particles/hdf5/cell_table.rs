@@ -12,6 +12,7 @@ use std::path::Path;
 
 use glam::DVec3;
 
+use super::super::types::choose;
 use super::file::{Array, SnapshotFile, whole};
 use super::gadget;
 use crate::data::particle_type::{ParticleCount, ParticleType};
@@ -45,7 +46,7 @@ pub(crate) fn cell_rows(
     if counts.is_empty() {
         return Ok(None);
     }
-    let (at, _) = gadget::choose(path, &mut counts, &numbers, wanted)?;
+    let (at, _) = choose(path, &mut counts, &numbers, wanted)?;
     let (name, _) = gadget::TYPES[numbers[at]];
     let array = |group: &str, components: usize| -> Result<Option<Array>> {
         let Some(group) = file.child(&cells, group)? else {

@@ -16,12 +16,10 @@ use hdf5_reader::{
 use super::layout::{Layout, NotRead};
 use crate::data::association::Association;
 use crate::data::dataset::{Field, FieldSource};
-use crate::data::particle_type::{ParticleCount, ParticleType};
 use crate::data::unit;
-use crate::error::{Error, Parameter, Result};
+use crate::error::{Error, Result};
 use crate::io::bytes::file::{Input, open_regular};
 use crate::io::bytes::scalars::{Encoding, ScalarType, Stride, doubles, points, values};
-use crate::io::particles::table::list;
 use crate::memory::check_room;
 use crate::scene::Values;
 
@@ -460,19 +458,6 @@ fn read_rows(
         ScalarType::F32 => of!(f32),
         ScalarType::F64 => of!(f64),
     })
-}
-
-/// Returns an error: the file has no particles of a type. It lists the types in the file.
-pub(super) fn absent(path: &Path, wanted: ParticleType, present: &[ParticleCount]) -> Error {
-    let present = present.iter().filter(|p| p.count > 0);
-    let names: Vec<String> = present.map(ParticleCount::to_string).collect();
-    Error::format(
-        path,
-        Parameter::ParticleType,
-        format!("one of {}", list(names.iter().map(String::as_str))),
-        format!("`{wanted}`, of which there are none"),
-        "name one of these",
-    )
 }
 
 /// Returns the unit of a dataset's numbers as stored.

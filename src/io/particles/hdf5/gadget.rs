@@ -11,12 +11,11 @@
 //! Gadget's `SmoothingLength` is the radius at which the kernel ends. SWIFT's is two standard deviations of the kernel,
 //! for every kernel (Dehnen & Aly 2012). The radius at which a cubic spline ends is 1.825742 of SWIFT's lengths.
 
-use std::path::Path;
-
 use hdf5_reader::group::Group;
 
 use super::super::table;
-use super::file::{SnapshotFile, absent, shortened};
+use super::super::types::choose;
+use super::file::{SnapshotFile, shortened};
 use crate::data::dataset::{Dataset, FieldSource};
 use crate::data::particle_type::{ParticleCount, ParticleType};
 use crate::data::smoothing::{LengthMeaning, Smoothing, SphKernel};
@@ -99,43 +98,6 @@ pub(super) fn first_of_all(file: &SnapshotFile<'_>) -> Result<Option<usize>> {
         .filter_map(|name| file.attribute(&header, name));
     let found = totals.filter_map(|total| total.iter().position(|n| *n > 0.0));
     Ok(found.min())
-}
-
-/// Chooses the type to read and marks it. Returns its position in `counts`, and a note of the other types if `wanted`
-/// is `None`.
-///
-/// - `counts`: the types, at least one.
-/// - `numbers`: index of each type.
-///
-/// # Errors
-/// There are no particles of the wanted type.
-pub(in crate::io) fn choose(
-    path: &Path,
-    counts: &mut [ParticleCount],
-    numbers: &[usize],
-    wanted: Option<ParticleType>,
-) -> Result<(usize, Option<String>)> {
-    let number = |i: usize| u32::try_from(numbers[i]).ok();
-    let found = match wanted {
-        // An empty group counts only if every group is empty.
-        None => Some(counts.iter().position(|c| c.count > 0).unwrap_or(0)),
-        Some(wanted) => {
-            let is = |i: &usize| counts[*i].count > 0 && counts[*i].is(number(*i), wanted);
-            (0..counts.len()).find(is)
-        }
-    };
-    let Some(at) = found else {
-        let wanted = wanted.unwrap_or(ParticleType::Gas);
-        return Err(absent(path, wanted, counts));
-    };
-    counts[at].is_read = true;
-    let others = counts.iter().filter(|c| !c.is_read && c.count > 0);
-    let others: Vec<&str> = others.map(|c| c.name.as_str()).collect();
-    let note = (wanted.is_none() && !others.is_empty()).then(|| {
-        let (name, others) = (&counts[at].name, others.join(", "));
-        format!("Only {name} is shown; {others} left out.")
-    });
-    Ok((at, note))
 }
 
 /// Reads the particles of the wanted type; if it is `None`, of the first type with particles. Returns `None` if the

@@ -14,9 +14,10 @@ mod vtkhdf;
 
 use std::ops::Range;
 
-use self::file::{SnapshotFile, absent};
+use self::file::SnapshotFile;
 use self::pieces::{Pieces, RowPieces};
 use super::periodic::note_reach;
+use super::types::{absent, choose};
 use crate::data::dataset::Dataset;
 use crate::data::particle_type::{ParticleCount, ParticleType};
 use crate::error::Result;
@@ -118,7 +119,7 @@ pub(crate) fn row_pieces(
         if counts.iter().all(|count| count.count == 0) || !counts.iter().all(is_sound) {
             return Ok(None);
         }
-        let (at, _) = gadget::choose(input.path, &mut counts, &numbers, wanted)?;
+        let (at, _) = choose(input.path, &mut counts, &numbers, wanted)?;
         let own = (input.path.to_path_buf(), counts[at].count);
         return Ok(Some((wanted, vec![own])));
     };

@@ -1,45 +1,32 @@
-//! Reads Phantom's dumps.
+//! Reads Phantom's dumps in HDF5.
 //!
 //! | quantity | place |
 //! |---|---|
-//! | positions | `particles/xyz`, (N, 3) |
-//! | smoothing lengths h; 0 or less for dead and accreted particles | `particles/h` |
-//! | types, from 1: [`ParticleType`] | `particles/itype` |
-//! | mass of a particle of each type | `header/massoftype` |
-//! | hfact | `header/hfact` |
-//!
-//! | sinks: positions, masses, accretion radii | `sinks/xyz`, `sinks/m`, `sinks/h` |
-//!
-//! Phantom stores no densities. They are rho = m (hfact / h)³ (Price et al. 2018, eq. 6).
+//! | particles: positions, (N, 3), and fields | `particles/xyz`, `particles/...` |
+//! | sinks: positions, and fields | `sinks/xyz`, `sinks/...` |
+//! | header | `header/...` |
 
-use std::collections::BTreeMap;
+use std::path::Path;
 
 use glam::DVec3;
 use hdf5_reader::group::Group;
 
-use super::super::table;
-use super::file::{SnapshotFile, absent};
-use crate::data::dataset::{Dataset, Field, FieldSource};
-use crate::data::particle_type::{ParticleCount, ParticleType};
-use crate::data::smoothing::{LengthMeaning, Smoothing, SphKernel};
-use crate::error::{Error, Result};
-use crate::math::narrowed;
-use crate::scene::Values;
+use super::super::phantom::{Dump, Part, dataset};
+use super::file::SnapshotFile;
+use crate::data::dataset::{Dataset, Field};
+use crate::data::particle_type::ParticleType;
+use crate::error::Result;
 
-/// Name of the format.
-const FORMAT: &str = "Phantom dump";
+/// Name of the positions.
+const POSITIONS: &str = "xyz";
 
-/// Opacity of a sink through its centre.
-const SINK_OPACITY: f32 = 0.999;
-
-/// Group of the sinks.
-const SINKS: &str = "sinks";
-
-/// First type of dust, if the header does not state it.
-const IDUST: u32 = 7;
-
-/// Radius of a sink that states none, as a fraction of the box of all particles.
-const SINK_SHARE: f64 = 0.01;
+/// The groups of a dump.
+struct Groups<'a> {
+    file: &'a SnapshotFile<'a>,
+    header: Option<Group>,
+    particles: &'a Group,
+    sinks: Option<Group>,
+}
 
 /// Reads the particles of a type, or all but the sinks.
 ///
@@ -50,266 +37,73 @@ pub(super) fn read(
     particles: &Group,
     wanted: Option<ParticleType>,
 ) -> Result<Dataset> {
-    let positions = file.positions(particles, "xyz")?;
-    let count = positions.len();
-    let header = file.group("header")?;
-    let header_numbers = |name: &str| -> Result<Option<Vec<f64>>> {
-        let Some(header) = &header else {
-            return Ok(None);
-        };
-        Ok(file.array(header, name)?.and_then(|array| array.doubles(0)))
-    };
-    let column = |name: &str| -> Result<Option<Vec<f64>>> {
-        let array = file.array(particles, name)?;
-        Ok(array
-            .filter(|a| a.count == count && a.components == 1)
-            .and_then(|a| a.doubles(0)))
-    };
-
-    let missing = |what: &str| {
-        Error::format(
-            file.path,
-            FORMAT,
-            what,
-            "none, or not one per particle",
-            "check that the dump was written completely",
-        )
-    };
-    let lengths = column("h")?.ok_or_else(|| missing("smoothing lengths `particles/h`"))?;
-    let masses_of_types = header_numbers("massoftype")?
-        .filter(|masses| !masses.is_empty())
-        .ok_or_else(|| missing("masses `header/massoftype`"))?;
-    let types = column("itype")?.unwrap_or_else(|| vec![1.0; count]);
-    let dust = [
-        header_numbers("idust")?.map_or(IDUST, first_code),
-        header_numbers("idustbound")?.map_or(u32::MAX, first_code),
-    ];
     let sinks = match file.group("sinks")? {
-        Some(group) if file.has(&group, "xyz")? && file.row_count(&group, "xyz")? > 0 => {
-            Some(group)
-        }
+        Some(group) if file.has(&group, POSITIONS)? => Some(group),
         _ => None,
     };
-    let mut counts = counted(&types, dust);
-    let is_kept = |code: u32, count: &ParticleCount| wanted.is_none_or(|w| count.is(Some(code), w));
-    for (code, count) in &mut counts {
-        count.is_read = is_kept(*code, count);
+    let groups = Groups {
+        file,
+        header: file.group("header")?,
+        particles,
+        sinks,
+    };
+    dataset(&groups, wanted)
+}
+
+impl Groups<'_> {
+    fn group(&self, part: Part) -> Option<&Group> {
+        match part {
+            Part::Particles => Some(self.particles),
+            Part::Sinks => self.sinks.as_ref(),
+        }
     }
-    let codes: Vec<u32> = counts
-        .iter()
-        .filter(|(_, c)| c.is_read)
-        .map(|(code, _)| *code)
-        .collect();
-    let mut counts: Vec<ParticleCount> = counts.into_iter().map(|(_, count)| count).collect();
-    if let Some(group) = &sinks {
-        counts.push(ParticleCount {
-            name: SINKS.to_owned(),
-            types: vec![ParticleType::Sinks],
-            count: file.row_count(group, "xyz")?,
-            is_read: wanted == Some(ParticleType::Sinks),
-        });
+}
+
+impl Dump for Groups<'_> {
+    fn path(&self) -> &Path {
+        self.file.path
     }
-    if let (Some(group), Some(ParticleType::Sinks)) = (&sinks, wanted) {
-        return read_sinks(file, group, &positions, counts);
+
+    fn header(&self, name: &str) -> Result<Option<Vec<f64>>> {
+        let Some(header) = &self.header else {
+            return Ok(None);
+        };
+        let array = self.file.array(header, name)?;
+        Ok(array.and_then(|array| array.doubles(0)))
     }
-    if let (Some(wanted), []) = (wanted, &codes[..]) {
-        return Err(absent(file.path, wanted, &counts));
+
+    fn count(&self, part: Part) -> Result<usize> {
+        self.group(part)
+            .map_or(Ok(0), |group| self.file.row_count(group, POSITIONS))
     }
-    let kept = wanted.map(|_| {
-        let rows = 0..u32::try_from(count).unwrap_or(u32::MAX);
-        rows.filter(|&i| codes.contains(&code_of(types[i as usize])))
-            .collect::<Vec<u32>>()
-    });
-    // A type without a mass gives NaN, which the sampler counts.
-    let masses: Vec<f64> = types
-        .iter()
-        .map(|t| {
-            let index = code_of(*t) as usize;
-            let mass = index.checked_sub(1).and_then(|i| masses_of_types.get(i));
-            mass.copied().unwrap_or(f64::NAN)
+
+    fn positions(&self, part: Part) -> Result<Vec<DVec3>> {
+        self.group(part).map_or(Ok(Vec::new()), |group| {
+            self.file.positions(group, POSITIONS)
         })
-        .collect();
-
-    let scalar = |name: &str, numbers: &mut dyn Iterator<Item = f64>| {
-        table::scalar_field(name, numbers.collect::<Vec<f64>>().into())
-    };
-    let mut fields = vec![
-        scalar("h", &mut lengths.iter().copied()),
-        scalar("m", &mut masses.iter().copied()),
-    ];
-    let hfact = header_numbers("hfact")?.and_then(|h| h.first().copied());
-    if let Some(hfact) = hfact {
-        let mut rho = masses
-            .iter()
-            .zip(&lengths)
-            .map(|(m, h)| m * (hfact / h.abs()).powi(3));
-        fields.push(scalar("rho", &mut rho));
-        file.note("Densities are m (hfact / h)³; the dump stores none.");
-    }
-    // Names that are set above are skipped, or `m` and `rho` could occur twice.
-    fields.extend(file.fields(particles, count, &["xyz", "h", "m", "rho"])?);
-
-    let is_dead = |i: usize| lengths[i] <= 0.0 || lengths[i].is_nan();
-    let dead = match &kept {
-        None => (0..count).filter(|&i| is_dead(i)).count(),
-        Some(kept) => kept.iter().filter(|&&i| is_dead(i as usize)).count(),
-    };
-    if dead > 0 {
-        file.note(format!(
-            "{dead} particles are dead or accreted (h is not positive)."
-        ));
-    }
-    let read_count = counts.iter().filter(|c| c.is_read).count();
-    if read_count > 1 {
-        file.note(format!(
-            "Particles of {read_count} types are taken together; the field `itype` tells them apart.",
-        ));
-    }
-    if sinks.is_some() && wanted.is_none() {
-        file.note("Sink particles are left out.");
-    }
-    if let Some(unit) = header_numbers("udist")?.and_then(|u| u.first().copied()) {
-        file.note(format!("The unit of length is {unit:e} cm."));
     }
 
-    let (positions, fields) = match &kept {
-        None => (positions, fields),
-        Some(kept) => rows(kept, &positions, fields),
-    };
-    let mut dataset = table::dataset(file.path, FORMAT, positions, fields)?;
-    dataset.particle_types = counts;
-    dataset.smoothing = Some(Smoothing {
-        length: Some("h".to_owned()),
-        meaning: LengthMeaning::SmoothingLength,
-        kernel: SphKernel::CubicSpline,
-        mass: Some("m".to_owned()),
-        density: hfact.map(|_| "rho".to_owned()),
-    });
-    dataset.notes = file.notes.take();
-    Ok(dataset)
-}
-
-/// Returns the number of a type. Inactive particles store it with a negative sign.
-#[allow(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "types are 1 to 56 or more with much dust; anything else finds no mass and no name"
-)]
-fn code_of(itype: f64) -> u32 {
-    itype.abs() as u32
-}
-
-/// Returns the type that an entry of the header names.
-fn first_code(numbers: Vec<f64>) -> u32 {
-    numbers.first().map_or(u32::MAX, |n| code_of(*n))
-}
-
-/// Counts the particles of each type, in the order of type numbers.
-///
-/// - `dust`: first type of dust, and first type of dust that is a boundary.
-fn counted(types: &[f64], dust: [u32; 2]) -> Vec<(u32, ParticleCount)> {
-    let mut counts: BTreeMap<u32, usize> = BTreeMap::new();
-    for itype in types {
-        *counts.entry(code_of(*itype)).or_default() += 1;
+    fn column(&self, part: Part, name: &str) -> Result<Option<Vec<f64>>> {
+        let (Some(group), count) = (self.group(part), self.count(part)?) else {
+            return Ok(None);
+        };
+        let array = self.file.array(group, name)?;
+        let array = array.filter(|a| a.count == count && a.components == 1);
+        Ok(array.and_then(|array| array.doubles(0)))
     }
-    let named = |code: u32| match code {
-        1 => vec![ParticleType::Gas],
-        3 => vec![ParticleType::Boundary],
-        _ if code >= dust[0] && code < dust[1] => vec![ParticleType::Dust],
-        4 => vec![ParticleType::Stars],
-        5 => vec![ParticleType::DarkMatter],
-        6 => vec![ParticleType::Bulge],
-        _ if code >= dust[1] => vec![ParticleType::Boundary],
-        _ => Vec::new(),
-    };
-    let of_code = |(code, count)| {
-        let name = format!("itype {code}");
-        let types = named(code);
-        (
-            code,
-            ParticleCount {
-                name,
-                types,
-                count,
-                is_read: false,
-            },
-        )
-    };
-    counts.into_iter().map(of_code).collect()
-}
 
-/// Returns the kept rows.
-fn rows(kept: &[u32], positions: &[DVec3], fields: Vec<Field>) -> (Vec<DVec3>, Vec<Field>) {
-    let positions = kept.iter().map(|&i| positions[i as usize]).collect();
-    let of_kept = |field: Field| Field {
-        source: match field.source {
-            FieldSource::Scalar(values) => FieldSource::Scalar(values.gather(kept)),
-            FieldSource::Vector(components) => {
-                FieldSource::Vector(components.iter().map(|c| c.gather(kept)).collect())
-            }
-            derived @ FieldSource::Derived(_) => derived,
-        },
-        ..field
-    };
-    (positions, fields.into_iter().map(of_kept).collect())
-}
-
-/// Reads the sinks as opaque spheres of their accretion radii: a ball of radius R has the variance R²/5 along each
-/// axis.
-///
-/// - `others`: positions of the other particles. They set the radius of sinks that state none.
-fn read_sinks(
-    file: &SnapshotFile<'_>,
-    group: &Group,
-    others: &[DVec3],
-    counts: Vec<ParticleCount>,
-) -> Result<Dataset> {
-    let positions = file.positions(group, "xyz")?;
-    let count = positions.len();
-    let radii = file.array(group, "h")?;
-    let radii = radii.filter(|a| a.count == count && a.components == 1);
-    let radii = radii
-        .and_then(|a| a.doubles(0))
-        .unwrap_or_else(|| vec![0.0; count]);
-    let all = || {
-        others
-            .iter()
-            .chain(&positions)
-            .copied()
-            .filter(|p| p.is_finite())
-    };
-    let (lower, upper) = (all().reduce(DVec3::min), all().reduce(DVec3::max));
-    let extent = lower
-        .zip(upper)
-        .map_or(0.0, |(lower, upper)| (upper - lower).max_element());
-    // A single sink has no extent.
-    let stand_in = if extent > 0.0 {
-        SINK_SHARE * extent
-    } else {
-        1.0
-    };
-    let is_stated = |r: f64| r > 0.0 && r.is_finite();
-    let without = radii.iter().filter(|r| !is_stated(**r)).count();
-    if without > 0 {
-        file.note(format!(
-            "{without} sinks state no accretion radius: they are drawn with a radius of {stand_in:.3e}."
-        ));
+    fn fields(&self, part: Part, except: &[&str]) -> Result<Vec<Field>> {
+        let count = self.count(part)?;
+        self.group(part).map_or(Ok(Vec::new()), |group| {
+            self.file.fields(group, count, except)
+        })
     }
-    let sigma = |r: &f64| narrowed(if is_stated(*r) { *r } else { stand_in } / 5.0_f64.sqrt());
-    let scalar = |name: &str, numbers: Vec<f32>| table::scalar_field(name, Values::F32(numbers));
-    let mut fields = vec![
-        scalar(
-            "accretion_radius",
-            radii.iter().copied().map(narrowed).collect(),
-        ),
-        scalar("sigma", radii.iter().map(sigma).collect()),
-        scalar("opacity", vec![SINK_OPACITY; count]),
-    ];
-    let own = file.fields(group, count, &["xyz", "h", "sigma", "opacity"])?;
-    fields.extend(own);
-    file.note("Sinks are drawn as opaque spheres of their accretion radii.");
-    let mut dataset = table::dataset(file.path, FORMAT, positions, fields)?;
-    dataset.particle_types = counts;
-    dataset.notes = file.notes.take();
-    Ok(dataset)
+
+    fn note(&self, note: String) {
+        self.file.note(note);
+    }
+
+    fn notes(&self) -> Vec<String> {
+        self.file.notes.take()
+    }
 }

@@ -11,7 +11,8 @@ use hdf5_reader::group::Group;
 
 use super::super::periodic::note_reach;
 use super::super::table::list;
-use super::file::{SnapshotFile, absent, whole};
+use super::super::types::absent;
+use super::file::{SnapshotFile, whole};
 use super::gadget;
 use crate::data::association::Association;
 use crate::data::dataset::{Dataset, Field, Geometry};
