@@ -19,12 +19,9 @@ struct ProfileKnot {
 }
 
 struct Profiles {
-    // From the centre to the support.
+    // Entries at even steps of the distance, from 0 to the support.
     knots: array<ProfileKnot, PROFILE_CELLS + 1u>,
     signs: Factors,
-    // The greatest sum of products beyond the support; its share of the peak. The kernel is 0 where the sum is less.
-    least: f32,
-    least_share: f32,
 }
 
 // The frame's kernel.
@@ -151,7 +148,6 @@ fn smoothed_mean(own: Smoothed, d: vec2<f32>) -> f32 {
         let high = profiles.signs.high * of_y.high;
         sum = sum + share * (dot(low, of_x.low) + dot(high, of_x.high));
     }
-    // A share of the greatest pixel: of the peak, or of the mass where a pixel holds it all.
-    let least = min(profiles.least, profiles.least_share / (own.per_px.x * own.per_px.y));
-    return select(0.0, own.amplitude * sum, sum > least);
+    // Sums of products fall below 0 near the rim, by less than their error.
+    return own.amplitude * max(sum, 0.0);
 }

@@ -16,6 +16,7 @@ use crate::record::{
     LightUniform, LightingUniform, MergedBlock, NearTerms, PartIndex, PartRange, PartState,
     PieceTerms, SortState, SurfelTerms, ViewUniform,
 };
+use crate::splat::Profiles;
 use naga::back::pipeline_constants::process_overrides;
 use naga::back::{PipelineConstants, hlsl, msl, spv};
 use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
@@ -305,6 +306,7 @@ fn structs_are_laid_out_alike() {
         slab_thickness,
     });
     check_layout!(LightUniform { direction, colour });
+    check_layout!(Profiles { knots, signs });
     check_layout!(LightingUniform {
         lights,
         count,

@@ -317,7 +317,7 @@ pub fn prelude() -> String {
         ("SRGB_LINEAR_END", SRGB_LINEAR_END),
         ("LEAST_DRAWN_PX", LEAST_DRAWN_PX),
         ("SHORT_SIDE", SHORT_SIDE),
-        ("MOST_ROWS", MOST_ROWS),
+        ("MOST_ROWS", MOST_ROWS as f32),
         ("SIDE_PLACE", SIDE_PLACE),
         ("ROWS_PER_SHEAR", ROWS_PER_SHEAR),
         ("SRGB_SLOPE", SRGB_SLOPE),

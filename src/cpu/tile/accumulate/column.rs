@@ -600,13 +600,18 @@ impl<'a> ColumnTile<'a> {
                 }
             }
             let (lists, sums) = (&scratch.lists, &mut scratch.sums[first_y * SIZE + start..]);
-            let of_rows = &*of_rows;
+            let product = Product {
+                lists,
+                of_rows,
+                kernel,
+                first: start,
+                from: [self.place.px(0, start) - cx, dy],
+                factor: sign * kernel.amplitude,
+            };
             match end - first {
-                1 | 2 => {
-                    add_products::<FMA, { 2 * CHUNK }>(sums, lists, start, of_rows, kernel, sign)
-                }
-                3 => add_products::<FMA, { 3 * CHUNK }>(sums, lists, start, of_rows, kernel, sign),
-                _ => add_products::<FMA, { 4 * CHUNK }>(sums, lists, start, of_rows, kernel, sign),
+                1 | 2 => product.add::<FMA, { 2 * CHUNK }>(sums),
+                3 => product.add::<FMA, { 3 * CHUNK }>(sums),
+                _ => product.add::<FMA, { 4 * CHUNK }>(sums),
             }
             return ((end_x - first_x) * (end_y - first_y)) as u32;
         }
@@ -614,13 +619,13 @@ impl<'a> ColumnTile<'a> {
         let mut count = 0;
         for y in patch.rows[0]..patch.rows[1] {
             let dy = self.place.px(1, y) - cy;
-            let half = kernel.half_chord(dy);
-            let middle = chords.middle(dy);
+            let rows = kernel.rows::<FMA>(dy);
+            let (middle, half) = (chords.middle(dy), rows.half_chord);
             let first = patch.columns[0].max((middle - half + 1.0).max(0.0) as usize);
             let end = patch.columns[1].min((middle + half).ceil().max(0.0) as usize);
             let row = &mut scratch.sums[y * SIZE..(y + 1) * SIZE];
             for (x, pixel) in row.iter_mut().enumerate().take(end).skip(first) {
-                *pixel += sign * kernel.mean::<FMA>([self.place.px(0, x) - cx, dy]);
+                *pixel += sign * kernel.mean::<FMA>(self.place.px(0, x) - cx, &rows);
                 count += 1;
             }
         }
@@ -748,13 +753,14 @@ impl<'a> ColumnTile<'a> {
                     }
                     let from =
                         |axis: usize, i: usize| place.px(axis, i) - footprint.centre_px[axis];
+                    let rows = kernel.map(|kernel| kernel.rows::<FMA>(from(1, y)));
                     for (x, tau) in row.tau.iter_mut().enumerate() {
                         let d = [from(0, x), from(1, y)];
                         if row.inside[x] == 0 {
                             continue;
                         }
-                        if let Some(kernel) = &kernel {
-                            *tau = kernel.mean::<FMA>(d);
+                        if let (Some(kernel), Some(rows)) = (&kernel, &rows) {
+                            *tau = kernel.mean::<FMA>(d[0], rows);
                         } else if let Some(mean) = &mean {
                             *tau = mean.at::<FMA>(d);
                         }
@@ -796,40 +802,55 @@ fn add_outer<const FMA: bool, const WIDTH: usize>(fine: &mut [f32], row: &[f32],
     }
 }
 
-/// Adds sums of products of columns and rows to consecutive rows of `WIDTH` pixels.
-///
-/// - `first`: first column.
-#[inline(always)]
-fn add_products<const FMA: bool, const WIDTH: usize>(
-    sums: &mut [f32],
-    lists: &[[f32; SIZE]; RANK],
+/// A kernel as a sum of products of columns and rows.
+struct Product<'a> {
+    /// Factors of columns, one list for each product.
+    lists: &'a [[f32; SIZE]; RANK],
+    of_rows: &'a [[f32; RANK]],
+    kernel: &'a Smoothed,
+    /// First column.
     first: usize,
-    of_rows: &[[f32; RANK]],
-    kernel: &Smoothed,
-    sign: f32,
-) {
-    let mut columns = [[0.0; WIDTH]; RANK];
-    for (own, list) in columns.iter_mut().zip(lists) {
-        let Some(list) = list[first..].first_chunk::<WIDTH>() else {
-            return;
-        };
-        *own = *list;
-    }
-    let least = kernel.least;
-    for (sums, of_y) in sums.chunks_mut(SIZE).zip(of_rows) {
-        let Some(sums) = sums.first_chunk_mut::<WIDTH>() else {
-            return;
-        };
-        let weights = kernel.weights(of_y);
-        let mut means = [0.0; WIDTH];
-        for k in 0..RANK {
-            for lane in 0..WIDTH {
-                means[lane] = madd::<FMA>(weights[k], columns[k][lane], means[lane]);
-            }
+    /// From the kernel's centre to that of the first pixel, px.
+    from: [f32; 2],
+    /// Factor of the sums of products.
+    factor: f32,
+}
+
+impl Product<'_> {
+    /// Adds it to consecutive rows of `WIDTH` pixels.
+    #[inline(always)]
+    fn add<const FMA: bool, const WIDTH: usize>(&self, sums: &mut [f32]) {
+        let mut columns = [[0.0; WIDTH]; RANK];
+        for (own, list) in columns.iter_mut().zip(self.lists) {
+            let Some(list) = list[self.first..].first_chunk::<WIDTH>() else {
+                return;
+            };
+            *own = *list;
         }
-        for lane in 0..WIDTH {
-            let mean = means[lane];
-            sums[lane] += if mean > least { sign * mean } else { 0.0 };
+        let mut away = [0.0; WIDTH];
+        for (lane, away) in away.iter_mut().enumerate() {
+            *away = (self.from[0] + lane as f32).abs();
+        }
+        let (kernel, factor) = (&{ *self.kernel }, self.factor);
+        let mut dy = self.from[1];
+        for (sums, of_y) in sums.chunks_mut(SIZE).zip(self.of_rows) {
+            let Some(sums) = sums.first_chunk_mut::<WIDTH>() else {
+                return;
+            };
+            let half_chord = kernel.half_chord(dy);
+            dy += 1.0;
+            let weights = kernel.weights(of_y);
+            let mut means = [0.0; WIDTH];
+            for k in 0..RANK {
+                for lane in 0..WIDTH {
+                    means[lane] = madd::<FMA>(weights[k], columns[k][lane], means[lane]);
+                }
+            }
+            for lane in 0..WIDTH {
+                // Sums of products fall below 0 near the rim, by less than their error.
+                let mean = factor * means[lane].max(0.0);
+                sums[lane] += if away[lane] < half_chord { mean } else { 0.0 };
+            }
         }
     }
 }
