@@ -381,7 +381,9 @@ impl Smoothed {
         weights
     }
 
-    /// Returns the rows of the pixels whose centres lie `dy` below the footprint's, px.
+    /// Returns the rows of pixels.
+    ///
+    /// - `dy`: distance of the pixels' centres from the footprint's along y, px.
     #[inline(always)]
     pub(crate) fn rows<const FMA: bool>(&self, dy: f32) -> Rows {
         let share = 1.0 / self.rows;
@@ -405,7 +407,10 @@ impl Smoothed {
         rows
     }
 
-    /// Returns the mean over the pixel of some rows whose centre lies `dx` from the footprint's, px.
+    /// Returns the mean over a pixel.
+    ///
+    /// - `dx`: distance of the pixel's centre from the footprint's along x, px.
+    /// - `rows`: the pixel's rows.
     #[inline(always)]
     pub(crate) fn mean<const FMA: bool>(&self, dx: f32, rows: &Rows) -> f32 {
         if !((dx - self.tilt * rows.dy).abs() < rows.half_chord) {

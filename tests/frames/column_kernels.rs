@@ -145,7 +145,7 @@ fn columns_of_one_particle_are_means_of_its_kernel() {
             assert!(error < 6e-5, "{kernel:?} {reach}: {error:e}");
             assert!(image.values.iter().all(|value| *value >= 0.0));
             let mass = image.sum_times_area().unwrap();
-            assert!((mass - 1.0).abs() < 1.2e-5, "{kernel:?} {reach}: {mass}");
+            assert!((mass - 1.0).abs() < 5e-6, "{kernel:?} {reach}: {mass}");
         }
     }
 }
@@ -192,7 +192,7 @@ fn mass_of_many_particles_is_kept() {
             let image = drawn(Some(kernel), &places, sigma, 256, &settings);
             let error = image.sum_times_area().unwrap() / 5000.0 - 1.0;
             println!("{kernel:?} {sigma}: {error:.1e}");
-            assert!(error.abs() < 1e-5, "{kernel:?} {sigma}: {error:e}");
+            assert!(error.abs() < 5e-6, "{kernel:?} {sigma}: {error:e}");
         }
     }
 }
@@ -276,7 +276,7 @@ fn both_back_ends_draw_the_same_kernels() {
             let pairs = a.values.iter().zip(&b.values);
             let worst = pairs.fold(0.0_f32, |m, (a, b)| m.max((a - b).abs())) / largest;
             println!("{kernel:?}, {} planes: {worst:.1e}", settings.clip.len());
-            // Sums of terms that cancel. At the rim, one back end may leave out a pixel with less than 2e-5 of a kernel's peak.
+            // Sums of eight terms that cancel: ten roundings of the greatest.
             assert!(worst < 5e-6, "{kernel:?}: {worst:e}");
         }
     }
@@ -305,6 +305,6 @@ fn crowded_pixels_are_summed_whole_on_the_gpu() {
             .column_density(&orthographic(128), &settings)
             .unwrap();
         let error = image.sum_times_area().unwrap() / 400.0 - 1.0;
-        assert!(error.abs() < 1.2e-5, "{sigma}: {error:e}");
+        assert!(error.abs() < 5e-6, "{sigma}: {error:e}");
     }
 }

@@ -4,7 +4,7 @@
 //! |---|---|
 //! | smoothing lengths h; 0 or less for dead and accreted particles | `h` |
 //! | types, from 1: [`ParticleType`] | `itype` |
-//! | level of refinement, each of which halves the mass; 1 is none | `apr_level` |
+//! | level l of refinement: the mass is divided by 2^(l - 1) | `apr_level` |
 //! | mass of a particle of each type | header, `massoftype` |
 //! | hfact | header, `hfact` |
 //! | accretion radii of sinks | `h` |
@@ -141,7 +141,7 @@ pub(super) fn dataset(dump: &dyn Dump, wanted: Option<ParticleType>) -> Result<D
     }
     let kept = wanted.map(|_| {
         let rows = 0..u32::try_from(count).unwrap_or(u32::MAX);
-        rows.filter(|&i| codes.contains(&code_of(types[i as usize])))
+        rows.filter(|&i| codes.binary_search(&code_of(types[i as usize])).is_ok())
             .collect::<Vec<u32>>()
     });
     // A type without a mass gives NaN, which the sampler counts.

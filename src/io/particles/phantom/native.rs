@@ -28,7 +28,7 @@ use crate::data::particle_type::ParticleType;
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;
 use crate::io::bytes::scalars::{Encoding, ScalarType, Stride, double, doubles, values};
-use crate::io::particles::table::scalar_field;
+use crate::io::particles::table::{list, scalar_field};
 use crate::scene::Values;
 
 /// Bytes of a mark.
@@ -143,10 +143,16 @@ impl Records<'_> {
             (mark(end) == Some(len)).then_some(start..end)
         });
         let Some(range) = range else {
-            let expected = "a record, between two marks that say its length".to_owned();
+            let expected = "a record, between two marks with its length".to_owned();
             let found = match len {
                 None => "the end".to_owned(),
-                Some(..0) => "a part of a record of more than 2 GiB".to_owned(),
+                Some(..0) => {
+                    let place = format!("byte {}", self.at);
+                    let found = "a part of a record of more than 2 GiB";
+                    let advice = "convert the dump to HDF5 (phantom2hdf5)";
+                    let expected = "whole records";
+                    return Err(Error::format(self.path, place, expected, found, advice));
+                }
                 Some(len) => format!("a mark of {len} alone"),
             };
             return Err(self.fault(self.at, expected, found));
@@ -179,7 +185,7 @@ impl Records<'_> {
     fn count(&self, at: usize, what: &str) -> Result<usize> {
         let count = self.form.mark(&self.bytes[at..]);
         usize::try_from(count)
-            .map_err(|_| self.fault(at, format!("a number of {what}"), count.to_string()))
+            .map_err(|_| self.fault(at, format!("a count of {what}"), count.to_string()))
     }
 
     fn name(&self, range: Range<usize>) -> String {
@@ -210,7 +216,21 @@ struct Columns {
 }
 
 impl Columns {
-    fn add(&mut self, name: String, piece: (Range<usize>, ScalarType, usize)) {
+    /// Adds the next column of a process.
+    ///
+    /// - `seen`: how often the process had each name. Phantom repeats names, for each size of grain: the next ones are `NAME_2`, `NAME_3`.
+    fn add(
+        &mut self,
+        seen: &mut BTreeMap<String, usize>,
+        name: String,
+        piece: (Range<usize>, ScalarType, usize),
+    ) {
+        let times = seen.entry(name.clone()).or_default();
+        *times += 1;
+        let name = match *times {
+            1 => name,
+            times => format!("{name}_{times}"),
+        };
         if !self.columns.contains_key(&name) {
             self.names.push(name.clone());
         }
@@ -248,7 +268,7 @@ impl<'a> Native<'a> {
     fn new(path: &'a Path, bytes: &'a [u8]) -> Result<Self> {
         let form = Form::of(bytes).ok_or_else(|| {
             let expected = "the numbers 60769, 60878, 60878 and 690706";
-            Error::format(path, "first record", expected, "others", DAMAGED)
+            Error::format(path, "first record", expected, "other numbers", DAMAGED)
         })?;
         let mut records = Records {
             path,
@@ -257,7 +277,7 @@ impl<'a> Native<'a> {
             at: 0,
         };
         records.next()?;
-        let identity = records.next()?;
+        let identity = records.next_of(Some(100), "identity")?;
         if bytes[identity.clone()].get(1) != Some(&b'T') {
             let expected = "a dump that names its arrays (`FT...` or `ST...`)";
             let found = format!("`{}`", records.name(identity));
@@ -275,11 +295,15 @@ impl<'a> Native<'a> {
         };
         let processes = own.header.get("nblocks").cloned();
         let processes = processes.map_or(1, first_code).max(1);
-        let blocks = records.next_count("blocks")? / processes as usize;
-        if blocks > 0 {
-            for _ in 0..processes {
-                own.read_blocks(&mut records, blocks)?;
-            }
+        let at = records.at;
+        let all = records.next_count("blocks")?;
+        let blocks = all / processes as usize;
+        if blocks == 0 || blocks * processes as usize != all {
+            let expected = format!("as many blocks for each of {processes} processes");
+            return Err(records.fault(at, expected, format!("{all} blocks")));
+        }
+        for _ in 0..processes {
+            own.read_blocks(&mut records, blocks)?;
         }
         Ok(own)
     }
@@ -302,6 +326,7 @@ impl<'a> Native<'a> {
         }
         let first = blocks.first().map_or(0, |(particles, _)| *particles);
         let is_again = self.sinks.count > 0;
+        let mut seen = [BTreeMap::new(), BTreeMap::new()];
         self.particles.count = self.particles.count.saturating_add(first);
         for (block, (particles, arrays)) in blocks.into_iter().enumerate() {
             if block == 1 && !is_again {
@@ -317,8 +342,8 @@ impl<'a> Native<'a> {
                     match block {
                         // Each process writes all sinks.
                         1 if is_again => {}
-                        1 => self.sinks.add(name, piece),
-                        _ => self.particles.add(name, piece),
+                        1 => self.sinks.add(&mut seen[1], name, piece),
+                        _ => self.particles.add(&mut seen[0], name, piece),
                     }
                 }
             }
@@ -366,7 +391,7 @@ impl<'a> Native<'a> {
 fn read_header(records: &mut Records<'_>) -> Result<BTreeMap<String, Vec<f64>>> {
     let mut header: BTreeMap<String, Vec<f64>> = BTreeMap::new();
     for scalar in records.form.types() {
-        let count = records.next_count("a count of the header's numbers")?;
+        let count = records.next_count("numbers")?;
         if count == 0 {
             continue;
         }
@@ -426,10 +451,15 @@ impl Dump for Native<'_> {
         };
         for name in &columns.names {
             let Some(column) = columns.whole(name) else {
-                left_out.push(format!("`{name}`"));
+                left_out.push(name.as_str());
                 continue;
             };
-            let field = match vector(name) {
+            let vector = vector(name);
+            let own = vector.as_ref().map_or(name.as_str(), |(name, _)| name);
+            if except.contains(&own) {
+                continue;
+            }
+            fields.push(match vector {
                 Some(_) if !name.ends_with('x') => continue,
                 Some((name, axes)) => Field {
                     name,
@@ -438,14 +468,10 @@ impl Dump for Native<'_> {
                     unit: None,
                 },
                 None => scalar_field(name.as_str(), self.values_of(column)),
-            };
-            if !except.contains(&field.name.as_str()) {
-                fields.push(field);
-            }
+            });
         }
         if !left_out.is_empty() {
-            left_out.truncate(8);
-            let names = left_out.join(", ");
+            let names = list(left_out.into_iter());
             self.note(format!(
                 "Left out, because they do not hold numbers for each particle: {names}."
             ));
