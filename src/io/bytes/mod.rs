@@ -5,6 +5,7 @@ pub(crate) mod file;
 pub(crate) mod half;
 pub(crate) mod packed;
 pub(crate) mod probe;
+pub(crate) mod records;
 pub(crate) mod scalars;
 pub(crate) mod zip;
 pub(crate) mod zip_write;

@@ -40,6 +40,7 @@ use crate::data::particle_type::{ParticleCount, ParticleType};
 use crate::data::smoothing::{LengthMeaning, Smoothing, SphKernel};
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;
+use crate::io::bytes::records::{self, word};
 use crate::io::bytes::scalars::{Encoding, ScalarType, Stride, points, values};
 use crate::io::time_steps::{TimeStep, of_file};
 use crate::math::narrowed;
@@ -84,7 +85,7 @@ struct Form {
 impl Form {
     fn of(head: &[u8]) -> Option<Self> {
         [false, true].into_iter().find_map(|big_endian| {
-            let mark = |at: usize| number(head, at, big_endian);
+            let mark = |at: usize| word(head, at, big_endian);
             let is_header = |at: usize| {
                 let size = u32::try_from(HEADER).ok();
                 mark(at) == size && mark(at + 4 + HEADER) == size
@@ -97,14 +98,6 @@ impl Form {
             })
         })
     }
-}
-
-fn number(bytes: &[u8], at: usize, big_endian: bool) -> Option<u32> {
-    let bytes = bytes.get(at..at + 4)?.try_into().ok()?;
-    Some(match big_endian {
-        true => u32::from_be_bytes(bytes),
-        false => u32::from_le_bytes(bytes),
-    })
 }
 
 /// Values from the header.
@@ -124,7 +117,7 @@ impl Header {
         let form = Form::of(head)?;
         let start = if form.has_names { 20 } else { 4 };
         let header = head.get(start..start + HEADER)?;
-        let word = |at: usize| number(header, at, form.big_endian);
+        let word = |at: usize| word(header, at, form.big_endian);
         let double = |at: usize| {
             let bytes = header.get(at..at + 8)?.try_into().ok()?;
             Some(match form.big_endian {
@@ -459,13 +452,7 @@ fn records(path: &Path, bytes: &[u8], header: &Header) -> Result<Vec<Record>> {
         Error::format(path, format!("byte {at}"), expected, found, DAMAGED)
     };
     let record = |at: usize| {
-        let len = number(bytes, at, header.form.big_endian);
-        let range = len.and_then(|len| {
-            let start = at + 4;
-            let end = start.checked_add(usize::try_from(len).ok()?)?;
-            (number(bytes, end, header.form.big_endian) == Some(len)).then_some(start..end)
-        });
-        range.ok_or_else(|| {
+        records::record(bytes, at, header.form.big_endian).map_err(|len| {
             let expected = "a record, between two marks that say its length".to_owned();
             let found = len.map_or("the end".to_owned(), |len| format!("a mark of {len} alone"));
             fault(at, expected, found)

@@ -30,6 +30,7 @@ use crate::data::particle_type::{ParticleCount, ParticleType};
 use crate::data::smoothing::{LengthMeaning, Smoothing, SphKernel};
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;
+use crate::io::bytes::records::word;
 use crate::io::bytes::scalars::{Encoding, ScalarType, Stride, positions, values};
 
 /// Bytes of the header without padding.
@@ -84,14 +85,7 @@ impl Header {
     /// Returns the header whose counts add up, in either byte order.
     fn of(head: &[u8]) -> Option<Self> {
         [false, true].into_iter().find_map(|big_endian| {
-            let word = |at: usize| {
-                let bytes = *head.get(at..)?.first_chunk()?;
-                let word = match big_endian {
-                    true => u32::from_be_bytes(bytes),
-                    false => u32::from_le_bytes(bytes),
-                };
-                usize::try_from(word).ok()
-            };
+            let word = |at: usize| usize::try_from(word(head, at, big_endian)?).ok();
             let counts = [word(16)?, word(20)?, word(24)?];
             let all = counts.iter().copied().fold(0, usize::saturating_add);
             let is_whole = word(8)? == all && all > 0 && word(12)? == 3;

@@ -12,6 +12,7 @@
 use std::path::Path;
 
 use crate::error::{Error, Result};
+use crate::io::bytes::records::{MARK, record, word};
 
 pub(super) const DAMAGED: &str = "the file is damaged: save it again";
 
@@ -270,31 +271,16 @@ fn real(word: &str) -> Option<f32> {
 
 /// Returns the contents of the records, and true if their marks are big-endian.
 fn records(path: &Path, bytes: &[u8]) -> Result<(Vec<u8>, bool)> {
-    let mark = |at: usize, big_endian: bool| {
-        let mark: [u8; 4] = bytes.get(at..at.checked_add(4)?)?.try_into().ok()?;
-        let mark = if big_endian {
-            u32::from_be_bytes(mark)
-        } else {
-            u32::from_le_bytes(mark)
-        };
-        usize::try_from(mark).ok()
-    };
-    let big_endian = mark(0, true) == Some(LINE);
+    let big_endian = word(bytes, 0, true) == u32::try_from(LINE).ok();
     let mut held = Vec::new();
     let mut at = 0;
     while at < bytes.len() {
-        let record = mark(at, big_endian).and_then(|len| {
-            let end = (at + 4).checked_add(len)?;
-            let record = bytes.get(at + 4..end)?;
-            (mark(end, big_endian) == Some(len)).then_some(record)
-        });
-        let Some(record) = record else {
+        let record = record(bytes, at, big_endian).map_err(|_| {
             let expected = "a record with its length before and behind it";
-            let place = format!("byte {at}");
-            return Err(Error::format(path, place, expected, "none", DAMAGED));
-        };
-        held.extend_from_slice(record);
-        at += record.len() + 8;
+            Error::format(path, format!("byte {at}"), expected, "none", DAMAGED)
+        })?;
+        at = record.end + MARK;
+        held.extend_from_slice(&bytes[record]);
     }
     Ok((held, big_endian))
 }

@@ -27,12 +27,11 @@ use crate::data::dataset::{Dataset, Field, FieldSource};
 use crate::data::particle_type::ParticleType;
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;
+use crate::io::bytes::records::{MARK, record, word};
 use crate::io::bytes::scalars::{Encoding, ScalarType, Stride, double, doubles, values};
 use crate::io::particles::table::{list, scalar_field};
 use crate::scene::Values;
 
-/// Bytes of a mark.
-const MARK: usize = 4;
 /// Bytes of a name.
 const NAME: usize = 16;
 /// Number of types of numbers.
@@ -73,8 +72,7 @@ impl Form {
             Some(double(bytes, self.encoding(scalar)))
         };
         let len = 4 * integer + real;
-        let mark = head.get(..MARK).map(|bytes| self.mark(bytes));
-        mark == Some(i64::try_from(len).unwrap_or(i64::MAX))
+        word(head, 0, self.big_endian) == u32::try_from(len).ok()
             && number(0, self.integer) == Some(FIRST[0])
             && number(integer, self.real) == Some(FIRST[1])
             && number(integer + real, self.integer) == Some(FIRST[1])
@@ -86,15 +84,6 @@ impl Form {
             scalar,
             big_endian: self.big_endian,
         }
-    }
-
-    /// Returns the number of four bytes.
-    fn mark(self, bytes: &[u8]) -> i64 {
-        let bytes = bytes.first_chunk().copied().unwrap_or_default();
-        i64::from(match self.big_endian {
-            true => i32::from_be_bytes(bytes),
-            false => i32::from_le_bytes(bytes),
-        })
     }
 
     /// Returns the number of eight bytes.
@@ -132,31 +121,21 @@ impl Records<'_> {
 
     /// Returns the place of the next record's bytes.
     fn next(&mut self) -> Result<Range<usize>> {
-        let mark = |at: usize| {
-            let bytes = self.bytes.get(at..at.checked_add(MARK)?)?;
-            Some(self.form.mark(bytes))
-        };
-        let len = mark(self.at);
-        let range = len.and_then(|len| {
-            let start = self.at + MARK;
-            let end = start.checked_add(usize::try_from(len).ok()?)?;
-            (mark(end) == Some(len)).then_some(start..end)
-        });
-        let Some(range) = range else {
+        let range = record(self.bytes, self.at, self.form.big_endian).map_err(|mark| {
             let expected = "a record, between two marks with its length".to_owned();
-            let found = match len {
+            let found = match mark {
                 None => "the end".to_owned(),
-                Some(..0) => {
+                // The marks of parts are negative.
+                Some(mark) if i32::try_from(mark).is_err() => {
                     let place = format!("byte {}", self.at);
                     let found = "a part of a record of more than 2 GiB";
                     let advice = "convert the dump to HDF5 (phantom2hdf5)";
-                    let expected = "whole records";
-                    return Err(Error::format(self.path, place, expected, found, advice));
+                    return Error::format(self.path, place, "whole records", found, advice);
                 }
-                Some(len) => format!("a mark of {len} alone"),
+                Some(mark) => format!("a mark of {mark} alone"),
             };
-            return Err(self.fault(self.at, expected, found));
-        };
+            self.fault(self.at, expected, found)
+        })?;
         self.at = range.end + MARK;
         Ok(range)
     }
@@ -183,7 +162,8 @@ impl Records<'_> {
 
     /// Returns the count at a byte.
     fn count(&self, at: usize, what: &str) -> Result<usize> {
-        let count = self.form.mark(&self.bytes[at..]);
+        let count = word(self.bytes, at, self.form.big_endian).unwrap_or_default();
+        let count = count.cast_signed();
         usize::try_from(count)
             .map_err(|_| self.fault(at, format!("a count of {what}"), count.to_string()))
     }
