@@ -136,16 +136,17 @@ impl Profiles {
             let scale = eigenvalue.abs().sqrt();
             // Even, and zero beyond the support.
             let value = |i: isize| vector.get(i.unsigned_abs()).map_or(0.0, |v| scale * v);
-            let slope = |i: isize| {
-                let (near, far) = (value(i + 1) - value(i - 1), value(i + 2) - value(i - 2));
+            let differences = |i| [1, 2].map(|step| value(i + step) - value(i - step));
+            let slope = |i| {
+                let [near, far] = differences(i);
                 (8.0 * near - far) / 12.0
             };
             let mut sum = 0.0;
             let mut column = Vec::new();
             for i in 0..=PROFILE_CELLS as isize {
-                let (near, far) = (value(i + 1) + value(i - 1), value(i + 2) + value(i - 2));
+                let [near, far] = [1, 2].map(|step| value(i + step) + value(i - step));
                 let second = (16.0 * near - far - 30.0 * value(i)) / 12.0;
-                let (near, far) = (value(i + 1) - value(i - 1), value(i + 2) - value(i - 2));
+                let [near, far] = differences(i);
                 let third = 0.5 * far - near;
                 column.push([sum, value(i), slope(i), second / 2.0, third / 6.0]);
                 let trapezoid = 0.5 * (value(i) + value(i + 1));
@@ -312,7 +313,7 @@ pub(crate) struct Rows {
     /// From the footprint's centre to the pixels' centres, px.
     dy: f32,
     /// Half of the chord of the pixels that the kernel reaches, px.
-    pub(crate) half_chord: f32,
+    half_chord: f32,
     /// From the footprint's centre to the rows' middles, px.
     middles: [f32; MOST_ROWS],
     weights: [[f32; RANK]; MOST_ROWS],

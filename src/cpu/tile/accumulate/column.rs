@@ -567,24 +567,19 @@ impl<'a> ColumnTile<'a> {
         let sign = footprint.carried.sign();
         let [cx, cy] = footprint.centre_px;
         if kernel.is_separable() {
-            let sides = |axis: usize, [first, end]: [usize; 2]| {
-                let (middle, half) = (
-                    footprint.centre_px[axis] - self.place.px(axis, 0),
-                    kernel.half_extent(axis),
-                );
-                let first = first.max((middle - half + 1.0).max(0.0) as usize);
-                let end = end.min((middle + half).ceil().max(0.0) as usize);
-                (
-                    first,
-                    end,
-                    self.place.px(axis, first) - footprint.centre_px[axis],
-                )
+            let sides = |axis: usize, pixels: [usize; 2]| {
+                let middle = footprint.centre_px[axis] - self.place.px(axis, 0);
+                within(pixels, middle, kernel.half_extent(axis))
             };
-            let (first_x, end_x, dx) = sides(0, patch.columns);
-            let (first_y, end_y, dy) = sides(1, patch.rows);
+            let [first_x, end_x] = sides(0, patch.columns);
+            let [first_y, end_y] = sides(1, patch.rows);
             if first_x >= end_x || first_y >= end_y {
                 return 0;
             }
+            let (dx, dy) = (
+                self.place.px(0, first_x) - cx,
+                self.place.px(1, first_y) - cy,
+            );
             let of_columns = &mut scratch.of_columns[first_x..end_x];
             kernel.factors::<FMA>(0, dx, of_columns);
             let of_rows = &mut scratch.of_rows[first_y..end_y];
@@ -619,10 +614,12 @@ impl<'a> ColumnTile<'a> {
         let mut count = 0;
         for y in patch.rows[0]..patch.rows[1] {
             let dy = self.place.px(1, y) - cy;
+            let half = kernel.half_chord(dy);
+            let [first, end] = within(patch.columns, chords.middle(dy), half);
+            if first >= end {
+                continue;
+            }
             let rows = kernel.rows::<FMA>(dy);
-            let (middle, half) = (chords.middle(dy), rows.half_chord);
-            let first = patch.columns[0].max((middle - half + 1.0).max(0.0) as usize);
-            let end = patch.columns[1].min((middle + half).ceil().max(0.0) as usize);
             let row = &mut scratch.sums[y * SIZE..(y + 1) * SIZE];
             for (x, pixel) in row.iter_mut().enumerate().take(end).skip(first) {
                 *pixel += sign * kernel.mean::<FMA>(self.place.px(0, x) - cx, &rows);
@@ -781,6 +778,15 @@ impl<'a> ColumnTile<'a> {
         }
         count
     }
+}
+
+/// Returns the first of some pixels whose centre lies within `half` of `middle`, and the one behind the last \[px\].
+#[inline(always)]
+fn within([first, end]: [usize; 2], middle: f32, half: f32) -> [usize; 2] {
+    [
+        first.max((middle - half + 1.0).max(0.0) as usize),
+        end.min((middle + half).ceil().max(0.0) as usize),
+    ]
 }
 
 /// Adds column x row to consecutive rows of `WIDTH` pixels.
