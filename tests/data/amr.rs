@@ -14,6 +14,7 @@ use glam::DVec3;
 
 use crate::common::real_data;
 use crate::support::amr::{Files, Level, nested, plotfile, vthb};
+use crate::support::numbers;
 
 fn read(files: &Files) -> Result<Dataset, String> {
     let beside = |path: &Path| {
@@ -22,11 +23,6 @@ fn read(files: &Files) -> Result<Dataset, String> {
     };
     let (name, bytes) = &files[0];
     read_with(name, bytes, &OpenOptions::default(), &beside).map_err(|e| e.to_string())
-}
-
-fn numbers(data: &Dataset, field: &str) -> Vec<f32> {
-    let (_, values) = data.scalar(field).unwrap();
-    (0..values.len()).map(|i| values.get(i)).collect()
 }
 
 /// Returns the kernels: positions, standard deviations, volumes.

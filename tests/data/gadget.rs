@@ -6,19 +6,13 @@ use ewa_splat::io::{
 };
 
 use crate::support::gadget::{DARK, Form, HALVES, SOME, value};
+use crate::support::of_type;
 
 fn numbers(data: &Dataset, selector: &str) -> Vec<f64> {
     let (_, values) = data.scalar(selector).unwrap();
     (0..values.len())
         .map(|i| f64::from(values.get(i)))
         .collect()
-}
-
-fn of_type(wanted: ParticleType) -> OpenOptions {
-    OpenOptions {
-        particle_type: Some(wanted),
-        ..OpenOptions::default()
-    }
 }
 
 fn expected(particles: std::ops::Range<usize>, field: usize) -> Vec<f64> {

@@ -33,6 +33,8 @@ use ewa_splat::io::{
 use ewa_splat::sample::{SampleOptions, volume};
 use glam::DVec3;
 
+use crate::support::numbers;
+
 fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("fixtures")
@@ -53,11 +55,6 @@ fn positions(data: &Dataset) -> &[DVec3] {
 fn places() -> Vec<DVec3> {
     let at = |i: f64| DVec3::new(i, i * i / 4.0, -i / 8.0);
     (0..5).map(f64::from).map(at).collect()
-}
-
-fn numbers(data: &Dataset, field: &str) -> Vec<f32> {
-    let (_, values) = data.scalar(field).unwrap();
-    (0..values.len()).map(|i| values.get(i)).collect()
 }
 
 fn times(factor: f32) -> Vec<f32> {

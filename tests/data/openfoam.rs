@@ -9,6 +9,7 @@ use glam::DVec3;
 
 use crate::common::real_data;
 use crate::support;
+use crate::support::numbers;
 use crate::support::openfoam::{Form, zoo};
 
 fn write(folder: &Path, files: &[(String, Vec<u8>)]) {
@@ -32,11 +33,6 @@ fn cells(data: &Dataset) -> &CellMesh {
         Geometry::Cells(mesh) => mesh,
         other => panic!("cells expected, not {other:?}"),
     }
-}
-
-fn numbers(data: &Dataset, selector: &str) -> Vec<f32> {
-    let (_, values) = data.scalar(selector).unwrap();
-    (0..values.len()).map(|i| values.get(i)).collect()
 }
 
 /// Returns the volume that a cell's faces enclose, by the divergence theorem: positive if they face

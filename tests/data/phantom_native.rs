@@ -14,24 +14,14 @@ use ewa_splat::io::{
     open, read,
 };
 
+use crate::support::{numbers, of_type};
+
 const FILES: [&str; 3] = ["sarracen", "two_processes", "long_integers"];
 
 fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("fixtures/phantom")
         .join(name)
-}
-
-fn of_type(wanted: ParticleType) -> OpenOptions {
-    OpenOptions {
-        particle_type: Some(wanted),
-        ..OpenOptions::default()
-    }
-}
-
-fn numbers(data: &Dataset, selector: &str) -> Vec<f32> {
-    let (_, values) = data.scalar(selector).unwrap();
-    (0..values.len()).map(|i| values.get(i)).collect()
 }
 
 fn positions(data: &Dataset) -> Vec<[f32; 3]> {

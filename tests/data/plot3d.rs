@@ -8,14 +8,9 @@
 
 use std::path::Path;
 
-use ewa_splat::io::{Dataset, Geometry, OpenOptions, open, read_with};
+use ewa_splat::io::{Geometry, OpenOptions, open, read_with};
 
-use crate::support::{Folder, Plot3dBlock, Plot3dEncoding};
-
-fn numbers(data: &Dataset, name: &str) -> Vec<f32> {
-    let values = data.scalar(name).unwrap().1;
-    (0..values.len()).map(|i| values.get(i)).collect()
-}
+use crate::support::{Folder, Plot3dBlock, Plot3dEncoding, numbers};
 
 /// Returns two grids of 24 and 12 nodes, or the first of them, with `per_node` numbers at each
 /// node.

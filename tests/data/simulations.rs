@@ -6,6 +6,7 @@ use std::path::Path;
 use ewa_splat::io::{Dataset, Geometry, OpenOptions, format_of, open};
 
 use crate::common::real_data;
+use crate::support::numbers;
 
 fn fixture(name: &str, time_step: usize) -> Dataset {
     let path = Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -16,11 +17,6 @@ fn fixture(name: &str, time_step: usize) -> Dataset {
         ..OpenOptions::default()
     };
     open(&path, &options).unwrap()
-}
-
-fn numbers(data: &Dataset, name: &str) -> Vec<f32> {
-    let values = data.scalar(name).unwrap().1;
-    (0..values.len()).map(|i| values.get(i)).collect()
 }
 
 #[test]

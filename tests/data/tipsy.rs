@@ -2,23 +2,13 @@
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use ewa_splat::io::{
-    Dataset, Geometry, OpenOptions, ParticleType, format_of, has_particle_types, open, read,
+    Geometry, OpenOptions, ParticleType, format_of, has_particle_types, open, read,
 };
+
+use crate::support::{numbers, of_type};
 
 const FILE: &[u8] = include_bytes!("../../fixtures/snapshot.tipsy");
 const HEADER: usize = 32;
-
-fn of_type(wanted: ParticleType) -> OpenOptions {
-    OpenOptions {
-        particle_type: Some(wanted),
-        ..OpenOptions::default()
-    }
-}
-
-fn numbers(data: &Dataset, selector: &str) -> Vec<f32> {
-    let (_, values) = data.scalar(selector).unwrap();
-    (0..values.len()).map(|i| values.get(i)).collect()
-}
 
 /// Returns the file in the other byte order, with or without padding.
 fn little_endian(has_padding: bool) -> Vec<u8> {

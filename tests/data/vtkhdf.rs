@@ -19,6 +19,7 @@ use ewa_splat::io::{Association, CellKind, Dataset, Geometry, OpenOptions, forma
 use glam::DVec3;
 
 use crate::common::real_data;
+use crate::support::numbers;
 
 fn fixture(name: &str) -> PathBuf {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
@@ -31,11 +32,6 @@ fn read_at(name: &str, time_step: Option<usize>) -> Dataset {
         ..OpenOptions::default()
     };
     open(&fixture(name), &options).unwrap()
-}
-
-fn numbers(data: &Dataset, field: &str) -> Vec<f32> {
-    let (_, values) = data.scalar(field).unwrap();
-    (0..values.len()).map(|i| values.get(i)).collect()
 }
 
 fn counted(first: f32, count: usize) -> Vec<f32> {

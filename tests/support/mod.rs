@@ -23,7 +23,21 @@ use std::path::{Path, PathBuf};
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use ewa_splat::io::{Dataset, OpenOptions, open};
+use ewa_splat::io::{Dataset, OpenOptions, ParticleType, open};
+
+/// Returns the numbers of a field.
+pub(crate) fn numbers(data: &Dataset, selector: &str) -> Vec<f32> {
+    let (_, values) = data.scalar(selector).unwrap();
+    (0..values.len()).map(|i| values.get(i)).collect()
+}
+
+/// Returns options that read one type of a snapshot's particles.
+pub(crate) fn of_type(wanted: ParticleType) -> OpenOptions {
+    OpenOptions {
+        particle_type: Some(wanted),
+        ..OpenOptions::default()
+    }
+}
 
 /// Folder for the files of one test.
 pub(crate) struct Folder(pub(crate) tempfile::TempDir);
