@@ -34,6 +34,8 @@ pub struct FrameCounts {
     pub lattice_level: usize,
     /// Number of tiles that contain opaque edges, and whose pixels are means of four samples.
     pub supersampled_tiles: usize,
+    /// Number of kernels at a slice whose sections are narrower than a pixel: those between pixels' centres do not show.
+    pub narrow: usize,
     /// Number of entries of the tiles' lists.
     pub tile_entries: usize,
     /// Number of kernel evaluations at pixel centres within the cut-off.

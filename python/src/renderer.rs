@@ -757,6 +757,7 @@ impl Renderer {
             },
             cutoff: shared.cutoff.unwrap_or(defaults.cutoff),
             smoothing: None,
+            slice: None,
             clip: shared.clip.clone(),
             simd: shared.advanced.simd,
             task: None,

@@ -42,9 +42,13 @@ pub(crate) fn bars(scene: &Loaded) -> Result<Vec<ColourBar>> {
     Ok(bars)
 }
 
-/// Returns the title of a column density.
-pub(crate) fn column_title(fields: &[Option<String>]) -> String {
+/// Returns the title of a column density, or of a slice.
+pub(crate) fn column_title(fields: &[Option<String>], is_slice: bool) -> String {
     match fields {
+        [Some(field), rest @ ..] if is_slice && rest.iter().all(|f| f.as_ref() == Some(field)) => {
+            field.clone()
+        }
+        _ if is_slice => "density".into(),
         [Some(field), rest @ ..] if rest.iter().all(|f| f.as_ref() == Some(field)) => {
             // The unit of a column is the field's unit times a length, so the title omits the
             // field's unit.

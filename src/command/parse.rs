@@ -242,6 +242,33 @@ pub(crate) fn along(text: &str) -> Result<Along, String> {
     Along::of_name(text).ok_or_else(|| "an axis: x, y, z, -x, -y or -z".into())
 }
 
+/// Value of `--slice`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct SlicePlane {
+    /// The axis across which the plane lies.
+    pub(crate) along: Along,
+    /// The plane's coordinate along the axis.
+    pub(crate) at: f64,
+}
+
+impl SlicePlane {
+    /// Returns a point of the plane.
+    pub(crate) fn through(&self) -> DVec3 {
+        self.along.axis() * self.at
+    }
+}
+
+/// Parses `x=V`, `y=V` or `z=V`.
+pub(crate) fn slice(text: &str) -> Result<SlicePlane, String> {
+    let parsed = text.split_once('=').and_then(|(axis, at)| {
+        let axis = axis.trim();
+        let along = Along::of_name(axis).filter(|_| !axis.starts_with('-'))?;
+        let at = finite(at.trim()).ok()?;
+        Some(SlicePlane { along, at })
+    });
+    parsed.ok_or_else(|| "an axis and a coordinate along it, such as z=0.5".into())
+}
+
 /// Value of `--window`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct WindowBox {

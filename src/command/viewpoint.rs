@@ -219,6 +219,16 @@ impl CameraOptions {
         self.along.or(canvas.along.filter(|_| !says_from_where))
     }
 
+    /// Returns whether an option says to look along another axis than this one, from either side.
+    pub(crate) fn looks_beside(&self, along: Along) -> bool {
+        self.along.is_some_and(|own| own.axis() != along.axis())
+    }
+
+    /// Returns whether `--window` cuts the scene along the line of sight.
+    pub(crate) fn has_depth_range(&self) -> bool {
+        self.window.is_some_and(|window| window.depth.is_some())
+    }
+
     /// Returns the planes between which `--window` shows the scene, if it says so.
     ///
     /// - `default`: the axis to look along if no option says it.

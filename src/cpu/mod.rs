@@ -21,6 +21,8 @@
 //! | `amplitude.rs` | blocks in view, values | particles with signed amplitudes |
 //! | `tile/` | lists, footprints | sums per pixel |
 //!
+//! A slice sums the same amplitudes on a plane: `slice.rs`.
+//!
 //! If a frame's particles exceed its memory, `strips.rs` runs these stages for one strip of the picture
 //! after the other.
 //!
@@ -43,6 +45,7 @@ mod pick;
 mod project;
 mod resolve;
 mod shade;
+mod slice;
 mod sort;
 mod strips;
 mod tile;
@@ -60,6 +63,7 @@ pub(crate) use pick::shares;
 pub use project::{ProjectInput, ProjectOutput, project};
 pub use resolve::{resolve, resolve_depth, resolve_normals};
 pub use shade::{encode, shade};
+pub(crate) use slice::{Plane, slice};
 pub use sort::{footprint_index, list_visible, sort};
 pub(crate) use tile::TileSums;
 pub use tile::{

@@ -1,5 +1,7 @@
 //! Defines the caller's settings of a frame.
 
+use glam::DVec3;
+
 use crate::constants::{COLUMN_CUTOFF, DEFAULT_LOW_PASS_VARIANCE_PX2, DEFAULT_TOLERANCE};
 use crate::data::smoothing::SphKernel;
 use crate::scene::{Classification, Lighting};
@@ -304,6 +306,10 @@ pub struct ColumnSettings {
     /// .25 px, where footprints are exact or near, with another filter or low-pass variance, and with a cut-off below the
     /// default. `None` draws Gaussians.
     pub smoothing: Option<SphKernel>,
+    /// A point of a plane across the view, world units: instead of line integrals, pixels hold the sums of the kernels
+    /// there, at their centres \[field\]. This needs an orthographic camera and no clip planes. The
+    /// CPU computes it in f64, whatever the back end. `None` draws columns.
+    pub slice: Option<DVec3>,
     /// Planes outside which nothing counts. Kernels that a plane cuts count in part.
     pub clip: Vec<ClipPlane>,
     /// The instruction set of the inner loop.
@@ -320,6 +326,7 @@ impl Default for ColumnSettings {
             low_pass_variance_px2: PIXEL_VARIANCE_PX2,
             cutoff: COLUMN_CUTOFF,
             smoothing: None,
+            slice: None,
             clip: Vec::new(),
             simd: SimdLevel::best(),
             task: None,

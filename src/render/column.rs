@@ -2,13 +2,16 @@
 
 use super::renderer::Renderer;
 use crate::blocks::{AmplitudeSummary, BlockedParticles, BlockedVolume};
+use crate::cpu::{Plane, slice};
 use crate::error::{Error, Hint, Result};
 use crate::frame::backend::FrameReport;
 use crate::frame::check::check;
 use crate::frame::plan::FramePlan;
 use crate::frame::settings::ColumnSettings;
 use crate::image::ColumnImage;
-use crate::view::Camera;
+use crate::stats::Stopwatch;
+use crate::view::{Camera, Projection};
+use glam::DVec3;
 
 impl Renderer {
     /// Draws the column density: the sum over the particles of amplitude x (line integral of the
@@ -26,21 +29,81 @@ impl Renderer {
     /// it, or inside it. The part is computed per ray: the integral of the kernel (without its low-pass
     /// filter) up to the plane.
     ///
+    /// With [`ColumnSettings::slice`] the pixels hold the field on a plane instead of its integral.
+    ///
     /// After this call [`Renderer::counts`] and [`Renderer::times`] describe this frame.
     ///
     /// # Errors
-    /// The errors of [`Renderer::render`]; a result beyond f32; splats that state a peak opacity.
-    ///
-    /// # Errors
-    /// As [`Renderer::render`]; a result beyond f32; splats that state a peak opacity.
+    /// The errors of [`Renderer::render`]; a result beyond f32; splats that state a peak opacity; a slice across a
+    /// perspective view, beside clip planes, of kernels without a thickness or on ranks.
     pub fn column_density(
         &mut self,
         camera: &Camera,
         settings: &ColumnSettings,
     ) -> Result<&ColumnImage> {
         let plan = self.column_plan(camera, settings)?;
-        let report = self.draw(&plan)?;
+        let report = match settings.slice {
+            Some(through) => self.draw_slice(&plan, settings, through)?,
+            None => self.draw(&plan)?,
+        };
         self.column_drawn(report)
+    }
+
+    /// Sums the kernels on a plane.
+    fn draw_slice(
+        &mut self,
+        plan: &FramePlan,
+        settings: &ColumnSettings,
+        through: DVec3,
+    ) -> Result<FrameReport> {
+        let fault = |place: &str, expected: &str, found: String, advice: &str| {
+            Err(Error::invalid("slice", place, expected, found, advice))
+        };
+        if plan.camera.projection != Projection::Orthographic {
+            let found = "one with perspective".into();
+            return fault("camera", "an orthographic one", found, "look along an axis");
+        }
+        if !settings.clip.is_empty() {
+            let found = settings.clip.len().to_string();
+            return fault("clip planes", "none", found, "leave them out");
+        }
+        if !through.is_finite() {
+            let found = through.to_string();
+            return fault("point", "finite coordinates", found, "correct it");
+        }
+        if self.rank().is_some() {
+            let found = "several".into();
+            return fault("processes", "one", found, "draw it without ranks");
+        }
+        let plane = Plane {
+            camera: &plan.camera,
+            through,
+            smoothing: settings.smoothing,
+            cutoff: f64::from(settings.cutoff),
+            task: settings.task.as_ref(),
+        };
+        let mut whole = Stopwatch::start();
+        let sums = slice(&self.scene, &plane)?;
+        if sums.flat > 0 {
+            let found = format!("{} without", sums.flat);
+            let advice = "shift the plane, or draw columns";
+            return fault("kernels at the plane", "a thickness", found, advice);
+        }
+        let images = plan.target(&mut self.images, &mut self.samples);
+        images.resize_column(plan);
+        images.largest = sums
+            .values
+            .iter()
+            .fold(0.0, |most, value| value.abs().max(most));
+        for (pixel, value) in images.column.values.iter_mut().zip(&sums.values) {
+            *pixel = *value as f32;
+        }
+        let mut report = FrameReport::default();
+        report.counts.blocks = self.scene.block_count();
+        (report.counts.classified, report.counts.footprints) = (sums.cut, sums.cut);
+        report.counts.narrow = sums.narrow;
+        report.times.frame = whole.lap();
+        Ok(report)
     }
 
     /// Checks the settings and returns the plan of a column density.

@@ -59,13 +59,13 @@ pub(crate) use pixel_mean::{
 };
 pub use pixel_mean::{Band, PIXEL_VARIANCE_PX2, PixelMean};
 pub use show::{CHOICE_COLOURS, choice_index};
-pub(crate) use smoothed::RANK;
 pub use smoothed::Smoothed;
 #[cfg(feature = "gpu")]
 pub(crate) use smoothed::{
     LEAST_DRAWN_PX, MOST_ROWS, PROFILE_CELLS, Profiles, REACHES, ROWS_PER_SHEAR, SHORT_SIDE,
     SIDE_PLACE,
 };
+pub(crate) use smoothed::{RANK, RoundKernel};
 #[cfg(feature = "gpu")]
 pub(crate) use sub_pixel::{
     SUB_PIXEL_FAINT, SUB_PIXEL_LARGE, SUB_PIXEL_LOGS, SUB_PIXEL_NODES, SUB_PIXEL_OPAQUE,

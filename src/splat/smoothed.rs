@@ -22,6 +22,7 @@ use std::sync::OnceLock;
 use bytemuck::{Pod, Zeroable};
 
 use super::pixel_mean::{PIXEL_VARIANCE_PX2, is_of_pixels};
+use crate::data::smoothing::SphKernel;
 use crate::math::lane::madd;
 use crate::math::narrowed;
 use crate::record::{Footprint, ViewUniform};
@@ -101,6 +102,44 @@ fn projected(which: usize, b_squared: f64) -> f64 {
         kernel(which, (b_squared + z * z).sqrt())
     };
     2.0 * half / f64::from(STEPS) * (0..STEPS).map(at).sum::<f64>()
+}
+
+/// A round kernel of unit mass and unit support, in f64.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct RoundKernel {
+    which: usize,
+    scale: f64,
+}
+
+impl RoundKernel {
+    pub(crate) fn new(kernel: SphKernel) -> Self {
+        /// Simpson's rule meets the mass within 1e-12, since kernels are smooth.
+        const STEPS: u32 = 1000;
+        let which = kernel as usize;
+        let shell = |i: u32| {
+            let u = f64::from(i) / f64::from(STEPS);
+            let weight = match i {
+                0 | STEPS => 1.0,
+                _ => f64::from(2 + 2 * (i % 2)),
+            };
+            weight * self::kernel(which, u) * u * u
+        };
+        let mass = (0..=STEPS).map(shell).sum::<f64>() / f64::from(3 * STEPS);
+        Self {
+            which,
+            scale: 1.0 / (2.0 * std::f64::consts::TAU * mass),
+        }
+    }
+
+    /// Returns the support of a kernel, in its standard deviations along an axis.
+    pub(crate) fn reach(kernel: SphKernel) -> f64 {
+        f64::from(REACHES[kernel as usize]).sqrt()
+    }
+
+    /// Returns the kernel at a distance in supports.
+    pub(crate) fn at(&self, u: f64) -> f64 {
+        self.scale * kernel(self.which, u)
+    }
 }
 
 impl Profiles {

@@ -14,7 +14,7 @@ use ewa_splat::view::ClipPlane;
 use ewa_splat::{ColumnImage, ColumnSettings, Renderer};
 use glam::DVec3;
 
-const KERNELS: [SphKernel; 6] = [
+pub(crate) const KERNELS: [SphKernel; 6] = [
     SphKernel::CubicSpline,
     SphKernel::QuarticSpline,
     SphKernel::QuinticSpline,
@@ -24,7 +24,7 @@ const KERNELS: [SphKernel; 6] = [
 ];
 
 /// Returns a kernel of support 1 at distance `u`, of any mass, and its variance along an axis (exact).
-fn definition(kernel: SphKernel, u: f64) -> (f64, f64) {
+pub(crate) fn definition(kernel: SphKernel, u: f64) -> (f64, f64) {
     let spline = |support: f64, power: i32, weights: &[f64]| -> f64 {
         let knot = |(k, weight): (usize, &f64)| {
             weight * (support - k as f64 - support * u).max(0.0).powi(power)

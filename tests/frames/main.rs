@@ -81,6 +81,7 @@ mod ripple_pictures;
 mod sampled_error;
 mod shading;
 mod simd_levels;
+mod slices;
 mod stages;
 mod sub_pixel;
 mod surfels;

@@ -33,6 +33,7 @@ impl Arguments {
         if let Some(lighting) = self.lighting() {
             lighting.validate()?;
         }
+        self.check_slice()?;
         self.check_legend()?;
         self.annotations.check(self.numbers())?;
         self.annotations.check_time(&self.inputs)?;
@@ -86,6 +87,25 @@ impl Arguments {
             true => Animation::check_path(&self.out),
             false => check_image_path(&self.out),
         }
+    }
+
+    /// Refuses a camera that does not look at a slice from the front, and a depth range beside it.
+    fn check_slice(&self) -> Result<()> {
+        let Some(slice) = &self.method.slice else {
+            return Ok(());
+        };
+        let fault = |place: &str, expected: &str, found: &str, advice: &str| {
+            Err(Error::invalid("--slice", place, expected, found, advice))
+        };
+        if self.camera.looks_beside(slice.along) {
+            let advice = "leave --along out";
+            return fault("--along", "the axis of the slice", "another one", advice);
+        }
+        if self.camera.has_depth_range() {
+            let (expected, found) = ("four coordinates", "six");
+            return fault("--window", expected, found, "leave the last two out");
+        }
+        Ok(())
     }
 
     /// Refuses a legend if the output holds numbers: a legend belongs to a picture.

@@ -9,7 +9,7 @@ use crate::{ColumnImage, ColumnSettings, Error, Renderer, Result, SceneOptions};
 use indicatif::ProgressBar;
 use serde_json::json;
 
-use super::column_mean::{ColumnMean, quotient, shown};
+use super::column_mean::{ColumnMean, REACH, quotient, shown};
 use super::options::{Arguments, ColumnLook};
 use crate::command::annotations::Overlays;
 use crate::command::legend::column_title;
@@ -27,10 +27,14 @@ impl Arguments {
         prepared: Prepared,
         progress: &ProgressBar,
     ) -> Result<()> {
-        let settings = ColumnSettings {
+        let mut settings = ColumnSettings {
             smoothing,
             ..self.column_settings()
         };
+        if mean.is_some() && settings.slice.is_some() {
+            // A mean is given where kernels count.
+            settings.cutoff = REACH;
+        }
         progress.set_message("summing");
         renderer.column_density(camera, &settings)?;
         let mut times = vec![renderer.times()];
@@ -51,8 +55,9 @@ impl Arguments {
         let counts = renderer.counts();
         let title = match &mean {
             Some(mean) => format!("mean {}", mean.title),
-            None => column_title(fields),
+            None => column_title(fields, self.method.slice.is_some()),
         };
+        let is_mean = mean.is_some();
         let own = match mean {
             None => None,
             Some(mean) => {
@@ -64,9 +69,14 @@ impl Arguments {
                 let backend = self.backend(&sums, camera);
                 let mut sums = sums.on(backend.open()?)?;
                 let sums = sums.column_density(camera, &settings)?.clone();
-                let on = |renderer: &Renderer| self.backend(renderer, camera);
-                let shown = shown(mean.places, on, camera, &settings)?;
-                Some(quotient(&sums, renderer.column(), &shown))
+                let shown = match settings.slice {
+                    Some(_) => None,
+                    None => {
+                        let on = |renderer: &Renderer| self.backend(renderer, camera);
+                        Some(shown(mean.places, on, camera, &settings)?)
+                    }
+                };
+                Some(quotient(&sums, renderer.column(), shown.as_ref()))
             }
         };
         let column = own.as_ref().unwrap_or_else(|| renderer.column());
@@ -110,23 +120,39 @@ impl Arguments {
                 amplitudes.not_finite
             );
         }
+        if counts.narrow > 0 {
+            note!(
+                "{} of {} kernels on the slice are narrower than a pixel: those between pixels' centres do not show",
+                counts.narrow,
+                counts.footprints
+            );
+        }
         if counts.footprints == 0 {
             note!("nothing visible: no particle with a value but zero reaches the image");
         } else if self.is_png() {
-            note!("{}", in_words(&look, column, colours.as_ref()));
+            let what = match (settings.slice, is_mean) {
+                (Some(_), _) => title.as_str(),
+                (None, true) => "the mean",
+                (None, false) => "the column density",
+            };
+            note!("{}", in_words(what, &look, column, colours.as_ref()));
         }
         Ok(())
     }
 }
 
-/// Describes in words what the colours of a column density stand for.
+/// Describes in words what the colours of a column density, a mean or a slice stand for.
 fn in_words(
+    what: &str,
     look: &ColumnLook<'_>,
     column: &ColumnImage,
     colours: Option<&TransferFunction>,
 ) -> String {
     let Some(colours) = colours else {
-        return "no column density above zero: an empty picture".into();
+        return format!(
+            "no {} above zero: an empty picture",
+            what.trim_start_matches("the ")
+        );
     };
     let (of, own) = match colours.value_scale() {
         ValueScale::Linear | ValueScale::Shifted { .. } => ("", column.range()),
@@ -135,5 +161,5 @@ fn in_words(
     };
     let [least, greatest] = look.range.or(own).unwrap_or(colours.range());
     let map = look.map.unwrap_or("viridis");
-    format!("colours: {map} over {of}the column density, from {least:e} to {greatest:e}")
+    format!("colours: {map} over {of}{what}, from {least:e} to {greatest:e}")
 }

@@ -20,7 +20,7 @@ const OPTION: &str = "--column-mean";
 
 /// Distance from a kernel's centre up to which a mean is given, standard deviations. Beyond it, the
 /// kernel is below a ninetieth of its peak.
-const REACH: f32 = 3.0;
+pub(crate) const REACH: f32 = 3.0;
 
 /// Volumes from which the columns of a mean are drawn.
 pub(crate) struct ColumnMean {
@@ -172,18 +172,22 @@ pub(crate) fn shown(
     Ok(renderer.render(camera, &settings)?.clone())
 }
 
-/// Divides one column image by another, pixel by pixel. The result is NaN at pixels without kernels
-/// or with a zero weight.
-pub(crate) fn quotient(sums: &ColumnImage, weights: &ColumnImage, shown: &Image) -> ColumnImage {
-    let pairs = sums.values.iter().zip(&weights.values);
-    let mean = |((sum, weight), [count, ..]): ((&f32, &f32), &[f32; 4])| match *weight > 0.0
-        && *count > 0.0
-    {
+/// Divides one column image by another, pixel by pixel. The result is NaN at pixels with a zero weight.
+///
+/// - `shown`: numbers of kernels; pixels without any get NaN, too.
+pub(crate) fn quotient(
+    sums: &ColumnImage,
+    weights: &ColumnImage,
+    shown: Option<&Image>,
+) -> ColumnImage {
+    let is_shown = |i: usize| shown.is_none_or(|shown| shown.pixels[i][0] > 0.0);
+    let pairs = sums.values.iter().zip(&weights.values).enumerate();
+    let mean = |(i, (sum, weight)): (usize, (&f32, &f32))| match *weight > 0.0 && is_shown(i) {
         true => sum / weight,
         false => f32::NAN,
     };
     ColumnImage {
-        values: pairs.zip(&shown.pixels).map(mean).collect(),
+        values: pairs.map(mean).collect(),
         ..sums.clone()
     }
 }

@@ -192,6 +192,12 @@ pub(in crate::command) struct Method {
         conflicts_with = "field"
     )]
     pub(in crate::command) weight: Option<String>,
+    /// Beside --column-density: write the field on this plane across an axis instead of its integral along the axis: the
+    /// sum of the kernels at the pixels' centres, or with --column-mean the mean there
+    #[arg(long, value_name = "AXIS=V", value_parser = parse::slice, allow_hyphen_values = true, requires = "column_density",
+          conflicts_with_all = ["eye", "camera", "azimuth", "elevation", "up", "fov", "mpi", "clip", "filter", "thresholds",
+                                "low_pass", "tolerance", "backend"])]
+    pub(in crate::command) slice: Option<parse::SlicePlane>,
 }
 
 /// Appearance of the picture of a column density: the colour map's name, the range of the values

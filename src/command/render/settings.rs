@@ -182,7 +182,8 @@ impl Arguments {
 
     /// Returns the axis that the camera looks along if no option says from where.
     pub(in crate::command) fn default_axis(&self) -> Option<Along> {
-        self.method.column_density.then_some(Along::Z)
+        let slice = self.method.slice.map(|slice| slice.along);
+        slice.or(self.method.column_density.then_some(Along::Z))
     }
 
     pub(in crate::command) fn column_settings(&self) -> ColumnSettings {
@@ -195,7 +196,12 @@ impl Arguments {
             low_pass_variance_px2: shared.low_pass_variance_px2,
             cutoff: shared.cutoff.unwrap_or(defaults.cutoff),
             smoothing: None,
-            clip: shared.clip,
+            slice: self.method.slice.map(|slice| slice.through()),
+            clip: match self.method.slice {
+                // The images in a periodic box make up for what its faces would cut.
+                Some(_) => Vec::new(),
+                None => shared.clip,
+            },
             simd: shared.advanced.simd,
             task: None,
         }

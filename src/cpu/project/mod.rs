@@ -28,7 +28,8 @@ use crate::splat::{CHOICE_COLOURS, Edges, Filter, Kernel, choice_index};
 use footprint::{cut_by_edges, depth_key, facing, slab_key, splat_footprint, surfel};
 use lanes::{Batch, LANES, Shared};
 pub use output::ProjectOutput;
-use shapes::{BlockShapes, Shapes};
+use shapes::BlockShapes;
+pub(super) use shapes::Shapes;
 
 /// Input of the projection of a volume.
 #[derive(Debug, Clone, Copy)]

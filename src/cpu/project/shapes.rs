@@ -9,7 +9,7 @@ use crate::record::PieceTerms;
 use crate::scene::NO_EDGE;
 
 /// Positions and factors of a volume's particles, rotated into camera space.
-pub(super) struct Shapes<'a> {
+pub(in crate::cpu) struct Shapes<'a> {
     volume: &'a BlockedVolume,
     rotation: Mat3,
     /// For a lattice: the directions of its axes in camera space.
@@ -18,7 +18,7 @@ pub(super) struct Shapes<'a> {
 }
 
 impl<'a> Shapes<'a> {
-    pub(super) fn new(volume: &'a BlockedVolume, rotation: Mat3) -> Self {
+    pub(in crate::cpu) fn new(volume: &'a BlockedVolume, rotation: Mat3) -> Self {
         let (turned_basis, shared) = match &volume.particles {
             BlockedParticles::Lattice(grid) => (
                 rotation * grid.basis(),
@@ -35,7 +35,7 @@ impl<'a> Shapes<'a> {
         }
     }
 
-    pub(super) fn of_block(&self, block: u32) -> BlockShapes<'_> {
+    pub(in crate::cpu) fn of_block(&self, block: u32) -> BlockShapes<'_> {
         let cells = match &self.volume.particles {
             BlockedParticles::Lattice(grid) => grid.cells(block),
             _ => [[0; 2]; 3],
@@ -49,9 +49,9 @@ impl<'a> Shapes<'a> {
 }
 
 /// The shapes of one block's particles.
-pub(super) struct BlockShapes<'a> {
+pub(in crate::cpu) struct BlockShapes<'a> {
     shapes: &'a Shapes<'a>,
-    pub(super) block: &'a Block,
+    pub(in crate::cpu) block: &'a Block,
     /// A brick's cells.
     cells: [[usize; 2]; 3],
 }
@@ -60,7 +60,7 @@ impl BlockShapes<'_> {
     /// Returns the axis of a piece in the frame of the factor's columns in camera space. For a sphere these are
     /// the camera's axes, so its axis is rotated. All other axes turn with the kernel.
     #[inline]
-    pub(super) fn axis(&self, piece: &PieceTerms) -> Vec3 {
+    pub(in crate::cpu) fn axis(&self, piece: &PieceTerms) -> Vec3 {
         let axis = Vec3::from(piece.axis);
         match &self.shapes.volume.particles {
             BlockedParticles::Isotropic { .. } => self.shapes.rotation * axis,
@@ -70,7 +70,7 @@ impl BlockShapes<'_> {
 
     /// Returns the planes that may cut a particle's kernel, world space; an infinite distance stands for
     /// no plane.
-    pub(super) fn edges(&self, local: u32) -> [[f32; 4]; MOST_EDGES] {
+    pub(in crate::cpu) fn edges(&self, local: u32) -> [[f32; 4]; MOST_EDGES] {
         let volume = self.shapes.volume;
         match &volume.particles {
             BlockedParticles::Lattice(grid) => {
@@ -86,7 +86,7 @@ impl BlockShapes<'_> {
 
     /// Returns the offset from the block's origin and the factor, camera space.
     #[inline(always)]
-    pub(super) fn get(&self, local: u32) -> (Vec3, Factor) {
+    pub(in crate::cpu) fn get(&self, local: u32) -> (Vec3, Factor) {
         let Shapes {
             volume,
             rotation,

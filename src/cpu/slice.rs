@@ -1,0 +1,303 @@
+//! Sums kernels on a plane across an orthographic view, at the pixels' centres: a slice through their field.
+
+use glam::{DVec2, DVec3};
+use rayon::prelude::*;
+
+use super::project::Shapes;
+use crate::blocks::{BlockedScene, BlockedVolume, visit_amplitudes};
+use crate::constants::MOST_EDGES;
+use crate::data::smoothing::SphKernel;
+use crate::error::Result;
+use crate::scene::NO_EDGE;
+use crate::splat::RoundKernel;
+use crate::task::{Task, check};
+use crate::view::Camera;
+
+/// Rows of the image that are summed together.
+const BAND_ROWS: usize = 16;
+
+/// The plane of a slice, and what is drawn on it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Plane<'a> {
+    /// An orthographic camera; the plane lies across its view.
+    pub(crate) camera: &'a Camera,
+    /// A point of the plane, world units.
+    pub(crate) through: DVec3,
+    /// The kernel of round particles; `None` for Gaussians.
+    pub(crate) smoothing: Option<SphKernel>,
+    /// Cut-off radius of Gaussians, standard deviations.
+    pub(crate) cutoff: f64,
+    /// May cancel the sum.
+    pub(crate) task: Option<&'a Task>,
+}
+
+/// Sums on a plane.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Slice {
+    /// One value for each pixel, row by row; field.
+    pub(crate) values: Vec<f64>,
+    /// Number of kernels that the plane cuts.
+    pub(crate) cut: usize,
+    /// Number of these whose section is narrower than a pixel, so that pixels' centres may miss it.
+    pub(crate) narrow: usize,
+    /// Number of kernels at the plane without a thickness, which have no density.
+    pub(crate) flat: usize,
+}
+
+/// The section of a kernel: peak x profile(m²), with m² = rest + d' Q d for an offset d from its middle.
+#[derive(Debug, Clone, Copy)]
+struct Section {
+    /// Middle on the image.
+    middle_px: DVec2,
+    /// Half extents on the image.
+    reach_px: DVec2,
+    /// Q: xx, xy, yy; 1/px².
+    precision: [f64; 3],
+    rest: f64,
+    /// Greatest m² that counts.
+    limit: f64,
+    /// Amplitude over volume.
+    peak: f64,
+    /// Inward normals on the image and distances of the middle from the planes that end the kernel; px.
+    edges: Option<[[f64; 3]; MOST_EDGES]>,
+}
+
+/// Sums the kernels of a scene's data on a plane.
+///
+/// # Errors
+/// Cancelled.
+pub(crate) fn slice(scene: &BlockedScene, plane: &Plane<'_>) -> Result<Slice> {
+    let (width, height) = (plane.camera.width, plane.camera.height);
+    let mut sum = Slice::default();
+    let mut sections = Vec::new();
+    for volume in scene.data() {
+        check(plane.task)?;
+        let blocks = volume.blocks.len() as u32;
+        let found: Vec<Found> = (0..blocks)
+            .into_par_iter()
+            .filter(|&block| plane.reaches(volume, block))
+            .map(|block| plane.sections(volume, block))
+            .collect();
+        for mut of_block in found {
+            sum.flat += of_block.flat;
+            sections.append(&mut of_block.sections);
+        }
+    }
+    sum.cut = sections.len();
+    let is_narrow = |section: &&Section| section.reach_px.min_element() < 0.5;
+    sum.narrow = sections.iter().filter(is_narrow).count();
+    let mut bands = vec![Vec::new(); height.div_ceil(BAND_ROWS)];
+    for (i, section) in sections.iter().enumerate() {
+        let rows = pixels(section.middle_px.y, section.reach_px.y, height);
+        if !rows.is_empty() {
+            for band in &mut bands[rows.start / BAND_ROWS..=(rows.end - 1) / BAND_ROWS] {
+                band.push(i as u32);
+            }
+        }
+    }
+    check(plane.task)?;
+    let kernel = plane.smoothing.map(RoundKernel::new);
+    sum.values = vec![0.0; width * height];
+    let rows = sum.values.par_chunks_mut((BAND_ROWS * width).max(1));
+    rows.zip(&bands).enumerate().for_each(|(n, (rows, band))| {
+        for &i in band {
+            sections[i as usize].add(rows, [width, n * BAND_ROWS], kernel.as_ref());
+        }
+    });
+    check(plane.task)?;
+    Ok(sum)
+}
+
+/// Sections of a block's kernels.
+#[derive(Default)]
+struct Found {
+    sections: Vec<Section>,
+    flat: usize,
+}
+
+impl Plane<'_> {
+    /// Returns the coordinates of the plane's point and of a block's origin in camera space, relative to the eye.
+    fn in_camera(&self, point: DVec3) -> DVec3 {
+        self.camera.camera_from_world * (point - self.camera.eye)
+    }
+
+    /// Returns whether the plane may cut a kernel of a block.
+    fn reaches(&self, volume: &BlockedVolume, block: u32) -> bool {
+        let block = &volume.blocks[block as usize];
+        let distance = self.in_camera(block.origin).z - self.in_camera(self.through).z;
+        let cutoff = match self.smoothing {
+            Some(kernel) => RoundKernel::reach(kernel),
+            None => self.cutoff,
+        };
+        let reach = f64::from(block.half_extent.length()) + cutoff * f64::from(block.max_sigma);
+        // NaN counts.
+        !(distance.abs() > 1.001 * reach)
+    }
+
+    fn sections(&self, volume: &BlockedVolume, block: u32) -> Found {
+        let rotation = self.camera.camera_from_world.as_mat3();
+        let shapes = Shapes::new(volume, rotation);
+        let shapes = shapes.of_block(block);
+        let origin = self.in_camera(volume.blocks[block as usize].origin);
+        let depth = self.in_camera(self.through).z;
+        let has_edges = volume.has_boundary();
+        let mut found = Found::default();
+        visit_amplitudes(volume, block, |local, amplitude| {
+            if amplitude == 0.0 || !amplitude.is_finite() {
+                return;
+            }
+            let (offset, factor) = shapes.get(local);
+            let centre = origin + offset.as_dvec3();
+            let rows = [factor.x, factor.y, factor.z].map(|row| row.as_dvec3());
+            let section = match self.section(centre, depth - centre.z, rows, amplitude) {
+                Ok(Some(section)) => section,
+                Ok(None) => return,
+                Err(IsFlat) => {
+                    found.flat += 1;
+                    return;
+                }
+            };
+            let edges = has_edges.then(|| shapes.edges(local));
+            found.sections.push(Section {
+                edges: edges.map(|edges| self.edges(edges, depth - centre.z, &section, centre)),
+                ..section
+            });
+        });
+        found
+    }
+
+    /// Returns the section of a kernel, if there is one.
+    ///
+    /// - `centre`: camera space, relative to the eye.
+    /// - `rise`: distance from the centre to the plane, along the view.
+    /// - `rows`: rows of the factor F, of the variance F F'.
+    fn section(
+        &self,
+        centre: DVec3,
+        rise: f64,
+        [x, y, z]: [DVec3; 3],
+        amplitude: f64,
+    ) -> std::result::Result<Option<Section>, IsFlat> {
+        let focal = self.camera.focal_px;
+        let depth_variance = z.length_squared();
+        let (rest, limit) = match self.smoothing {
+            Some(kernel) => {
+                let reach = RoundKernel::reach(kernel);
+                (rise * rise / (reach * reach * depth_variance), 1.0)
+            }
+            None => (rise * rise / depth_variance, self.cutoff * self.cutoff),
+        };
+        if depth_variance == 0.0 {
+            let is_there = rise == 0.0;
+            return if is_there { Err(IsFlat) } else { Ok(None) };
+        }
+        if !(rest < limit) {
+            return Ok(None);
+        }
+        // The distribution across the view at the plane: means and variances under a condition.
+        let tilt = DVec2::new(x.dot(z), y.dot(z)) / depth_variance;
+        let xx = x.length_squared() - tilt.x * tilt.x * depth_variance;
+        let yy = y.length_squared() - tilt.y * tilt.y * depth_variance;
+        let xy = x.dot(y) - tilt.x * tilt.y * depth_variance;
+        let determinant = xx * yy - xy * xy;
+        // Rounding of f32 shapes: as flat as nothing.
+        if !(determinant > 1e-12 * (xx * yy)) || !(xx > 0.0 && yy > 0.0) {
+            return Err(IsFlat);
+        }
+        let (scale, widening) = match self.smoothing {
+            Some(kernel) => {
+                let reach = RoundKernel::reach(kernel);
+                let support = reach * depth_variance.sqrt();
+                (1.0 / support.powi(3), reach * reach)
+            }
+            None => {
+                let tau = std::f64::consts::TAU;
+                let volume = tau.powf(1.5) * depth_variance.sqrt() * determinant.sqrt();
+                (1.0 / volume, 1.0)
+            }
+        };
+        let middle = centre.truncate() + tilt * rise;
+        let left = (limit - rest) * widening;
+        let section = Section {
+            middle_px: middle * focal + self.camera.centre_px,
+            reach_px: DVec2::new((left * xx).sqrt(), (left * yy).sqrt()) * focal,
+            precision: [
+                yy / (determinant * widening * focal.x * focal.x),
+                -xy / (determinant * widening * focal.x * focal.y),
+                xx / (determinant * widening * focal.y * focal.y),
+            ],
+            rest,
+            limit,
+            peak: amplitude * scale,
+            edges: None,
+        };
+        let is_sound = section.middle_px.is_finite() && section.peak.is_finite();
+        Ok(is_sound.then_some(section))
+    }
+
+    /// Returns the planes that end a kernel, on the image about the middle of its section.
+    fn edges(
+        &self,
+        planes: [[f32; 4]; MOST_EDGES],
+        rise: f64,
+        section: &Section,
+        centre: DVec3,
+    ) -> [[f64; 3]; MOST_EDGES] {
+        let focal = self.camera.focal_px;
+        planes.map(|plane| {
+            let [x, y, z, distance] = plane.map(f64::from);
+            if plane == NO_EDGE || !distance.is_finite() {
+                return [0.0, 0.0, f64::INFINITY];
+            }
+            let normal = self.camera.camera_from_world * DVec3::new(x, y, z);
+            let across = normal.truncate() / focal;
+            let middle = section.middle_px - self.camera.centre_px - centre.truncate() * focal;
+            let inside = distance + normal.z * rise + across.dot(middle);
+            [across.x, across.y, inside]
+        })
+    }
+}
+
+/// Says that a kernel has no thickness.
+struct IsFlat;
+
+impl Section {
+    /// Adds the section to rows of the image.
+    ///
+    /// - `width`, `first`: the image's width, and the number of the first row.
+    fn add(&self, rows: &mut [f64], [width, first]: [usize; 2], kernel: Option<&RoundKernel>) {
+        let [qxx, qxy, qyy] = self.precision;
+        let across = pixels(self.middle_px.x, self.reach_px.x, width);
+        let all = pixels(
+            self.middle_px.y,
+            self.reach_px.y,
+            first + rows.len() / width,
+        );
+        for row in all.start.max(first)..all.end {
+            let dy = row as f64 + 0.5 - self.middle_px.y;
+            let values = &mut rows[(row - first) * width..][across.clone()];
+            for (value, column) in values.iter_mut().zip(across.clone()) {
+                let dx = column as f64 + 0.5 - self.middle_px.x;
+                let m_squared = self.rest + dx * (qxx * dx + 2.0 * qxy * dy) + qyy * dy * dy;
+                let is_outside = |[nx, ny, inside]: &[f64; 3]| inside + nx * dx + ny * dy < 0.0;
+                let ends = self.edges.as_ref();
+                if !(m_squared < self.limit) || ends.is_some_and(|e| e.iter().any(is_outside)) {
+                    continue;
+                }
+                let profile = match kernel {
+                    Some(kernel) => kernel.at(m_squared.sqrt()),
+                    None => (-0.5 * m_squared).exp(),
+                };
+                *value += self.peak * profile;
+            }
+        }
+    }
+}
+
+/// Returns the pixels whose centres lie within `reach` of `middle`, of `count`.
+fn pixels(middle: f64, reach: f64, count: usize) -> std::ops::Range<usize> {
+    let first = (middle - reach - 0.5).ceil().max(0.0);
+    let last = (middle + reach - 0.5).floor() + 1.0;
+    let end = last.clamp(0.0, count as f64) as usize;
+    (first.min(count as f64) as usize).min(end)..end
+}
