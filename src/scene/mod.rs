@@ -49,7 +49,7 @@ pub use transfer_function::{
 };
 pub(crate) use transfer_function::{
     Averages, FileFunction, LEAST_WINDOW_SHARE, LOBE_REACH, Lobe, Lobes, MAX_PIECE_WIDTH,
-    PickedRow, Slopes, Surroundings, Tiling, Weighting,
+    PickedRow, Slopes, Surroundings, Tiling, Weighting, is_diverging,
 };
 #[cfg(feature = "gpu")]
 pub(crate) use transfer_function::{

@@ -13,6 +13,7 @@ pub(crate) use automatic::{PickedRow, Surroundings, Tiling};
 #[cfg(feature = "gpu")]
 pub(crate) use averages::FAR_ENTRIES;
 pub use averages::{Averages, Slopes, Weighting};
+pub(crate) use colour_maps::is_diverging;
 pub use colour_maps::{COLOUR_MAP_NAMES, ColourSpace};
 pub(crate) use file::FileFunction;
 pub use lobes::{

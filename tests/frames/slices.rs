@@ -221,9 +221,9 @@ fn slices_of_lattices_end_at_sharp_boundaries() {
         {
             let is_inside = |x: f64| (0.0..=15.0).contains(&x);
             let is_inside = is_there && is_inside(pixel.x) && is_inside(pixel.y);
-            // One layer of ghosts leaves .6 % out beside a face, 1.1 % beside an edge.
+            // One layer of ghosts leaves .6 % out beside a face, 1.8 % beside a corner.
             let error = (value - if is_inside { 2.0 } else { 0.0 }).abs();
-            assert!(error < 0.03, "{pixel}: {value}");
+            assert!(error < 0.04, "{pixel}: {value}");
         }
     }
 }

@@ -1,32 +1,56 @@
 //! Runs `ewa-splat render --column-density`.
 
 use crate::data::smoothing::SphKernel;
-use crate::io::{column_colours, column_picture, write_bytes_atomically, write_column};
-use crate::legend::ColourBar;
+use crate::io::{
+    column_colours, column_look, column_picture, write_bytes_atomically, write_column,
+};
+use crate::legend::{ColourBar, legend_width};
+use crate::math::narrowed;
 use crate::scene::{TransferFunction, ValueScale};
 use crate::view::{Along, Camera};
-use crate::{ColumnImage, ColumnSettings, Error, Renderer, Result, SceneOptions};
+use crate::{ColumnImage, ColumnSettings, Error, Renderer, Result};
 use indicatif::ProgressBar;
 use serde_json::json;
 
-use super::column_mean::{ColumnMean, REACH, quotient, shown};
+use super::column_mean::{ColumnMean, Quotients, REACH};
 use super::options::{Arguments, ColumnLook};
 use crate::command::annotations::Overlays;
 use crate::command::legend::column_title;
 use crate::command::progress::note;
 use crate::command::statistics::{Prepared, stats};
 
+/// What columns are drawn of.
+pub(in crate::command) struct Columns<'a> {
+    pub(in crate::command) renderer: &'a mut Renderer,
+    /// Names of the shown fields, one for each input.
+    pub(in crate::command) fields: &'a [Option<String>],
+    /// SPH kernel of the particles.
+    pub(in crate::command) smoothing: Option<SphKernel>,
+    pub(in crate::command) mean: Option<ColumnMean>,
+    /// Returns the camera that leaves a number of columns free at the right of its picture.
+    pub(in crate::command) beside: &'a dyn Fn(usize) -> Result<Camera>,
+    /// Returns what is drawn over the picture of a camera, besides colour bars.
+    pub(in crate::command) overlays: &'a dyn Fn(&Camera) -> Result<Overlays>,
+}
+
 impl Arguments {
     /// Draws and writes the column density.
     pub(in crate::command) fn draw_column(
         &self,
-        renderer: &mut Renderer,
+        columns: Columns<'_>,
         camera: &Camera,
-        (fields, smoothing, mean): (&[Option<String>], Option<SphKernel>, Option<ColumnMean>),
-        overlays: Overlays,
         prepared: Prepared,
         progress: &ProgressBar,
     ) -> Result<()> {
+        let Columns {
+            renderer,
+            fields,
+            smoothing,
+            mean,
+            beside,
+            overlays,
+        } = columns;
+        let mut camera = camera.clone();
         let mut settings = ColumnSettings {
             smoothing,
             ..self.column_settings()
@@ -36,13 +60,13 @@ impl Arguments {
             settings.cutoff = REACH;
         }
         progress.set_message("summing");
-        renderer.column_density(camera, &settings)?;
+        renderer.column_density(&camera, &settings)?;
         let mut times = vec![renderer.times()];
         if let Some(frames) = self.output.frames {
             times.clear();
             progress.set_length(u64::from(frames));
             for _ in 0..frames {
-                renderer.column_density(camera, &settings)?;
+                renderer.column_density(&camera, &settings)?;
                 times.push(renderer.times());
                 progress.inc(1);
             }
@@ -50,36 +74,41 @@ impl Arguments {
         if renderer.rank().is_some_and(|rank| rank != 0) {
             return Ok(());
         }
-        progress.set_message("writing");
-        let amplitudes = renderer.amplitudes();
-        let counts = renderer.counts();
         let title = match &mean {
             Some(mean) => format!("mean {}", mean.title),
-            None => column_title(fields, self.method.slice.is_some()),
+            None => column_title(fields, settings.slice.is_some()),
         };
         let is_mean = mean.is_some();
-        let own = match mean {
-            None => None,
-            Some(mean) => {
-                let options = SceneOptions {
-                    level_of_detail: false,
-                    ..SceneOptions::default()
-                };
-                let sums = Renderer::with_options(mean.weighed, &options)?;
-                let backend = self.backend(&sums, camera);
-                let mut sums = sums.on(backend.open()?)?;
-                let sums = sums.column_density(camera, &settings)?.clone();
-                let shown = match settings.slice {
-                    Some(_) => None,
-                    None => {
-                        let on = |renderer: &Renderer| self.backend(renderer, camera);
-                        Some(shown(mean.places, on, camera, &settings)?)
-                    }
-                };
-                Some(quotient(&sums, renderer.column(), shown.as_ref()))
-            }
+        let on = |renderer: &Renderer| self.backend(renderer, &camera);
+        let mut quotients = mean.map(|mean| Quotients::new(mean, &settings, on));
+        let mut quotients = quotients.take().transpose()?;
+        let mut column = match &mut quotients {
+            None => renderer.column().clone(),
+            Some(quotients) => quotients.drawn(renderer.column(), &camera, &settings)?,
         };
-        let column = own.as_ref().unwrap_or_else(|| renderer.column());
+        let look = self.column_look();
+        let mut colours = column_colours(&column, look.map, look.range, look.scale)?;
+        let bar = |colours: &Option<TransferFunction>| -> Vec<ColourBar> {
+            let colours = colours.iter().filter(|_| self.legend.legend);
+            colours.map(|c| ColourBar::of_column(&title, c)).collect()
+        };
+        // The bar's width depends on the values, and then the picture on the bar. Other ranks draw but once.
+        let room_px = match renderer.rank() {
+            None => legend_width(&bar(&colours), [camera.width, camera.height]),
+            Some(_) => 0,
+        };
+        // A window whose shape the rest of the picture does not have stays under the bar.
+        let beside = (room_px > 0).then(|| beside(room_px)).and_then(Result::ok);
+        if let Some(beside) = beside {
+            camera = beside;
+            renderer.column_density(&camera, &settings)?;
+            column = match &mut quotients {
+                None => renderer.column().clone(),
+                Some(quotients) => quotients.drawn(renderer.column(), &camera, &settings)?,
+            };
+            colours = column_colours(&column, look.map, look.range, look.scale)?;
+        }
+        progress.set_message("writing");
         if column.values.iter().any(|value| value.is_infinite()) {
             return Err(Error::invalid(
                 "column density",
@@ -89,22 +118,20 @@ impl Arguments {
                 "give masses in a larger unit",
             ));
         }
-        let look = self.column_look();
-        let colours = column_colours(column, look.map, look.range, look.scale)?;
-        let bar = colours.as_ref().filter(|_| self.legend.legend);
-        let bar = bar.map(|colours| ColourBar::of_column(&title, colours));
-        let overlays = overlays.with_bars(bar.into_iter().collect());
         match &colours {
             Some(colours) if self.is_png() => {
-                overlays.write(&self.out, &column_picture(column, colours))?;
+                let overlays = overlays(&camera)?.with_bars(bar(&Some(colours.clone())));
+                overlays.write(&self.out, &column_picture(&column, colours))?;
             }
-            _ => write_column(&self.out, column)?,
+            _ => write_column(&self.out, &column)?,
         }
+        let amplitudes = renderer.amplitudes();
+        let counts = renderer.counts();
         if let Some(path) = &self.output.stats {
             let mut stats = stats(renderer, &times, prepared);
             stats["column_density"] = json!({
                 "sum_times_area": column.sum_times_area(),
-                "extent": Along::extent(camera),
+                "extent": Along::extent(&camera),
                 "range": column.range(),
                 "positive_range": column.positive_range(),
                 "shown_range": column.shown_range(),
@@ -135,7 +162,7 @@ impl Arguments {
                 (None, true) => "the mean",
                 (None, false) => "the column density",
             };
-            note!("{}", in_words(what, &look, column, colours.as_ref()));
+            note!("{}", in_words(what, &look, &column, colours.as_ref()));
         }
         Ok(())
     }
@@ -154,12 +181,14 @@ fn in_words(
             what.trim_start_matches("the ")
         );
     };
-    let (of, own) = match colours.value_scale() {
-        ValueScale::Linear | ValueScale::Shifted { .. } => ("", column.range()),
-        ValueScale::Log => ("log10 of ", column.shown_range()),
-        ValueScale::Symlog { .. } => ("a symmetric logarithm of ", column.range()),
+    let scale = colours.value_scale();
+    let of = match scale {
+        ValueScale::Linear | ValueScale::Shifted { .. } => "",
+        ValueScale::Log => "log10 of ",
+        ValueScale::Symlog { .. } => "a symmetric logarithm of ",
     };
-    let [least, greatest] = look.range.or(own).unwrap_or(colours.range());
-    let map = look.map.unwrap_or("viridis");
+    let own = colours.range().map(|end| narrowed(scale.value(end)));
+    let [least, greatest] = look.range.unwrap_or(own);
+    let map = look.map.unwrap_or(column_look(column, look.scale).1);
     format!("colours: {map} over {of}{what}, from {least:e} to {greatest:e}")
 }

@@ -143,43 +143,70 @@ fn narrowed(x: f64) -> f32 {
     x.clamp(f64::from(f32::MIN_POSITIVE), f64::from(f32::MAX)) as f32
 }
 
-/// Counts the kernels within [`REACH`] of each pixel's ray. A pixel gets a mean if the count is
-/// positive.
-///
-/// # Errors
-/// The errors of rendering.
-pub(crate) fn shown(
-    places: Vec<PointVolume>,
-    on: impl FnOnce(&Renderer) -> Backend,
-    camera: &Camera,
-    columns: &ColumnSettings,
-) -> Result<Image> {
-    let options = SceneOptions {
-        level_of_detail: false,
-        ..SceneOptions::default()
-    };
-    let renderer = Renderer::with_options(places, &options)?;
-    let backend = on(&renderer);
-    let mut renderer = renderer.on(backend.open()?)?;
-    let settings = Settings {
-        show: Show::Count,
-        cutoff: Some(REACH),
-        filter: columns.filter,
-        low_pass_variance_px2: columns.low_pass_variance_px2,
-        clip: columns.clip.clone(),
-        ..Settings::default()
-    };
-    Ok(renderer.render(camera, &settings)?.clone())
+/// The pictures from which means along rays are computed, besides that of the weights.
+pub(crate) struct Quotients {
+    /// Numerators.
+    sums: Renderer,
+    /// Counts the kernels within [`REACH`] of each pixel's ray: a pixel gets a mean if there are any. `None` for slices,
+    /// which have weights only where kernels reach.
+    places: Option<Renderer>,
+}
+
+impl Quotients {
+    /// # Errors
+    /// The errors of scenes and of back ends.
+    pub(crate) fn new(
+        mean: ColumnMean,
+        columns: &ColumnSettings,
+        on: impl Fn(&Renderer) -> Backend,
+    ) -> Result<Self> {
+        let options = SceneOptions {
+            level_of_detail: false,
+            ..SceneOptions::default()
+        };
+        let opened = |volumes| {
+            let renderer = Renderer::with_options(volumes, &options)?;
+            let backend = on(&renderer);
+            renderer.on(backend.open()?)
+        };
+        let counts = columns.slice.is_none();
+        Ok(Self {
+            sums: opened(mean.weighed)?,
+            places: counts.then(|| opened(mean.places)).transpose()?,
+        })
+    }
+
+    /// Draws the means.
+    ///
+    /// # Errors
+    /// The errors of rendering.
+    pub(crate) fn drawn(
+        &mut self,
+        weights: &ColumnImage,
+        camera: &Camera,
+        columns: &ColumnSettings,
+    ) -> Result<ColumnImage> {
+        let sums = self.sums.column_density(camera, columns)?;
+        let settings = Settings {
+            show: Show::Count,
+            cutoff: Some(REACH),
+            filter: columns.filter,
+            low_pass_variance_px2: columns.low_pass_variance_px2,
+            clip: columns.clip.clone(),
+            ..Settings::default()
+        };
+        let shown = match &mut self.places {
+            Some(places) => Some(places.render(camera, &settings)?),
+            None => None,
+        };
+        Ok(quotient(sums, weights, shown))
+    }
 }
 
 /// Divides one column image by another, pixel by pixel. The result is NaN at pixels with a zero weight.
 ///
 /// - `shown`: numbers of kernels; pixels without any get NaN, too.
-pub(crate) fn quotient(
-    sums: &ColumnImage,
-    weights: &ColumnImage,
-    shown: Option<&Image>,
-) -> ColumnImage {
+fn quotient(sums: &ColumnImage, weights: &ColumnImage, shown: Option<&Image>) -> ColumnImage {
     let is_shown = |i: usize| shown.is_none_or(|shown| shown.pixels[i][0] > 0.0);
     let pairs = sums.values.iter().zip(&weights.values).enumerate();
     let mean = |(i, (sum, weight)): (usize, (&f32, &f32))| match *weight > 0.0 && is_shown(i) {

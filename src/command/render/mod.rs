@@ -25,6 +25,7 @@ mod settings;
 
 use std::time::Instant;
 
+use self::column::Columns;
 use self::image::{Picture, blend_of};
 pub(super) use self::options::{Arguments, BackendName};
 use self::scene::ReadyScene;
@@ -33,6 +34,7 @@ use super::progress::{note, spinner, task_of};
 use super::ranks;
 use super::statistics::Prepared;
 use crate::Result;
+use crate::view::Camera;
 
 pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
     let begun = Instant::now();
@@ -58,6 +60,8 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
         renderer,
         cameras,
         legend,
+        boxes,
+        up,
         bounds,
         fields,
         smoothing,
@@ -92,14 +96,17 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
     let annotations = arguments.annotations.at(&arguments.inputs);
     let overlays = Overlays::new(&annotations, legend.clone(), bounds, &camera)?;
     if is_column {
-        return arguments.draw_column(
-            &mut renderer,
-            &camera,
-            (&fields, smoothing, mean),
-            overlays,
-            prepared,
-            &progress,
-        );
+        let beside = |room_px| arguments.column_camera(&boxes, up, room_px);
+        let over = |camera: &Camera| Overlays::new(&annotations, Vec::new(), bounds, camera);
+        let columns = Columns {
+            renderer: &mut renderer,
+            fields: &fields,
+            smoothing,
+            mean,
+            beside: &beside,
+            overlays: &over,
+        };
+        return arguments.draw_column(columns, &camera, prepared, &progress);
     }
     let suitable = renderer.suitable_low_pass_px2();
     let low_pass = arguments.method.low_pass.unwrap_or(suitable);

@@ -11,6 +11,7 @@ use crate::command::progress::{note, observer_of};
 use crate::command::truth::{ReferenceName, Truth};
 use crate::command::viewpoint::{Canvas, left_of};
 use crate::data::smoothing::SphKernel;
+use crate::data::up::Up;
 use crate::io::write_bytes_atomically;
 use crate::legend::{ColourBar, legend_width};
 use crate::load::{Loaded, Request, load};
@@ -26,6 +27,9 @@ pub(super) struct ReadyScene {
     pub(super) renderer: Renderer,
     pub(super) cameras: Vec<Camera>,
     pub(super) legend: Vec<ColourBar>,
+    /// Boxes around what a fitted camera shows.
+    pub(super) boxes: Vec<Bounds>,
+    pub(super) up: Up,
     pub(super) bounds: Option<Bounds>,
     pub(super) fields: Vec<Option<String>>,
     /// SPH kernel that columns draw.
@@ -55,11 +59,7 @@ impl Arguments {
             let sequence = &self.sequence;
             sequence.cameras(&self.camera, boxes, up, canvas)
         };
-        let whole = Canvas {
-            along: self.default_axis(),
-            filled_by: self.periodic_box().map(|periodic| periodic.corners()),
-            ..Canvas::of(self.size)
-        };
+        let whole = self.canvas();
         let of_boxes =
             |boxes: &[Bounds], up| cameras(&left_of(boxes.to_vec(), &planes), up, &whole);
         let then = |scene| self.checked(scene);
@@ -135,8 +135,7 @@ impl Arguments {
             _ => scene.renderer(&scene_options)?,
         };
         let (all, canvas) = if is_column {
-            let lens = Lens::OrthoHeight(None);
-            (renderer.boxes(), Canvas { lens, ..whole })
+            (renderer.boxes(), self.column_canvas())
         } else {
             let room_px = legend_width(&legend, whole.size());
             let boxes = self.camera.boxes(&renderer);
@@ -153,6 +152,8 @@ impl Arguments {
             renderer,
             cameras,
             legend,
+            boxes,
+            up: scene.up,
             bounds,
             fields: scene.fields,
             smoothing,
@@ -166,6 +167,33 @@ impl Arguments {
 }
 
 impl Arguments {
+    /// Returns the canvas of a picture without a legend.
+    fn canvas(&self) -> Canvas {
+        Canvas {
+            along: self.default_axis(),
+            filled_by: self.periodic_box().map(|periodic| periodic.corners()),
+            ..Canvas::of(self.size)
+        }
+    }
+
+    /// Returns the canvas of a column density.
+    fn column_canvas(&self) -> Canvas {
+        let lens = Lens::OrthoHeight(None);
+        Canvas {
+            lens,
+            ..self.canvas()
+        }
+    }
+
+    /// Returns the camera of a column density that leaves a number of columns free at the right.
+    pub(super) fn column_camera(&self, boxes: &[Bounds], up: Up, room_px: usize) -> Result<Camera> {
+        let canvas = Canvas {
+            room_px,
+            ..self.column_canvas()
+        };
+        self.camera.camera(boxes, up, &canvas)
+    }
+
     /// Returns the colour bars of the legend, if one is drawn into a picture.
     pub(super) fn bars(&self, scene: &Loaded) -> Result<Vec<ColourBar>> {
         match self.legend.legend && !self.method.column_density {

@@ -14,7 +14,10 @@ use crate::error::Result;
 use crate::image::{ColumnImage, Image, linear_from_srgb};
 use crate::io::bytes::atomic::write_bytes_atomically;
 use crate::io::bytes::file::extension;
-use crate::scene::{ScaleName, TransferFunction};
+use crate::scene::{ScaleName, TransferFunction, is_diverging};
+
+/// Share of the greatest magnitude from which a value below 0 is more than rounding.
+const LEAST_SIGNED: f32 = 1e-3;
 
 /// Writes a column density in the format that the extension names. `npy`, `pfm` and `exr` (channel Y) store the values.
 /// `png` stores their colours over [`ColumnImage::shown_range`]; lower values are transparent.
@@ -55,10 +58,11 @@ pub(crate) fn viridis() -> impl Fn(f32) -> [f32; 4] {
 
 /// Returns the colours of a column density as a transfer function over its values; `None` if there is nothing to show.
 ///
-/// - `map`: a colour map's name ([`COLOUR_MAP_NAMES`](crate::scene::COLOUR_MAP_NAMES)); `None` is viridis.
+/// - `map`: a colour map's name ([`COLOUR_MAP_NAMES`](crate::scene::COLOUR_MAP_NAMES)); `None` is viridis, or coolwarm for
+///   values of both signs.
 /// - `range`: range of the values. `None` takes [`ColumnImage::shown_range`] on a logarithmic scale and all values on
-///   others.
-/// - `scale`: `None` is logarithmic.
+///   others, symmetric about 0 for values of both signs and a diverging map.
+/// - `scale`: `None` is logarithmic, or linear for values of both signs.
 ///
 /// # Errors
 /// An unknown map; a range whose ends do not rise; a range that is not above 0 on a logarithmic scale.
@@ -68,19 +72,47 @@ pub fn column_colours(
     range: Option<[f32; 2]>,
     scale: Option<ScaleName>,
 ) -> Result<Option<TransferFunction>> {
-    let name = scale.unwrap_or(ScaleName::Log);
+    let (name, own_map) = column_look(column, scale);
+    let map = map.unwrap_or(own_map);
+    let is_symmetric = has_signs(column) && is_diverging(map);
     let own = match name {
         // A single value gets the last colour, and a range of one decade.
         ScaleName::Log => column.shown_range().map(|[least, greatest]| {
             let is_one = least >= greatest;
             [if is_one { greatest / 10.0 } else { least }, greatest]
         }),
+        ScaleName::Linear | ScaleName::Symlog if is_symmetric => {
+            column.range().map(|[least, greatest]| {
+                let extreme = greatest.max(-least);
+                [-extreme, extreme]
+            })
+        }
         ScaleName::Linear | ScaleName::Symlog => column.range(),
     };
     let Some(range) = range.or(own) else {
         return Ok(None);
     };
-    TransferFunction::of_colours(map.unwrap_or("viridis"), range.map(f64::from), name).map(Some)
+    TransferFunction::of_colours(map, range.map(f64::from), name).map(Some)
+}
+
+/// Returns the scale and the colour map of a column density.
+///
+/// - `scale`: the scale, if it was asked for.
+pub(crate) fn column_look(
+    column: &ColumnImage,
+    scale: Option<ScaleName>,
+) -> (ScaleName, &'static str) {
+    match (has_signs(column), scale) {
+        (true, Some(ScaleName::Log)) => (ScaleName::Log, "viridis"),
+        (true, scale) => (scale.unwrap_or(ScaleName::Linear), "coolwarm"),
+        (false, scale) => (scale.unwrap_or(ScaleName::Log), "viridis"),
+    }
+}
+
+/// Returns whether a column density has values of both signs, or below 0. Masses have no sign, but rounding may leave one.
+fn has_signs(column: &ColumnImage) -> bool {
+    let range = column.range();
+    range.is_some_and(|[least, greatest]| -least > LEAST_SIGNED * greatest.max(-least))
 }
 
 /// Colours a column density by [`column_colours`]; values below their range are transparent. Returns an empty image if
@@ -111,7 +143,7 @@ mod tests {
         let column = ColumnImage {
             width: 6,
             height: 1,
-            values: vec![0.0, -3.0, 1e-9, 1e-4, 1e-2, 1.0],
+            values: vec![0.0, -1e-4, 1e-9, 1e-4, 1e-2, 1.0],
             pixel_area: None,
         };
         let colours = column_colours(&column, None, None, None).unwrap().unwrap();
@@ -128,6 +160,23 @@ mod tests {
                 assert!((level - code as f32).abs() < 3.0, "{pixel:?}: {code}");
             }
         }
+    }
+
+    #[test]
+    fn values_of_both_signs_are_symmetric_about_grey() {
+        let column = ColumnImage {
+            width: 3,
+            height: 1,
+            values: vec![-4.0, 0.0, 2.0],
+            pixel_area: None,
+        };
+        let colours = column_colours(&column, None, None, None).unwrap().unwrap();
+        assert_eq!(colours.range(), [-4.0, 4.0]);
+        let [low, middle, high] = column_picture(&column, &colours).pixels[..] else {
+            panic!("three pixels")
+        };
+        assert!(low[2] > low[0] && high[0] > high[2], "{low:?} {high:?}");
+        assert!((middle[0] - middle[2]).abs() < 0.02, "{middle:?}");
     }
 
     #[test]
@@ -156,7 +205,7 @@ mod tests {
         assert_eq!(shown.iter().filter(|p| p.1 > 0.0).count(), 2);
         assert!((shown[2].0 - 1.0).abs() < 1e-3 && (shown[3].0 - 1.0).abs() < 1e-3);
         // The value lies in the middle of three decades.
-        let [.., (level, _)] = grey(Some([0.1, 90.0]), None)[..] else {
+        let [.., (level, _)] = grey(Some([0.1, 90.0]), Some(ScaleName::Log))[..] else {
             panic!("four pixels")
         };
         assert!((level - 0.5).abs() < 1e-3, "{level}");
@@ -165,7 +214,7 @@ mod tests {
             (None, Some([0.0, 1.0])),
             (None, Some([2.0, 1.0])),
         ] {
-            assert!(column_colours(&column, map, range, None).is_err());
+            assert!(column_colours(&column, map, range, Some(ScaleName::Log)).is_err());
         }
     }
 }

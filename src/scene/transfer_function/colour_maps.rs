@@ -195,8 +195,13 @@ fn piecewise(channels: [&[[f32; 2]]; 3], s: f32) -> [f32; 3] {
 /// A linear colour for each position in a range, 0..1.
 pub(super) type ColourMap = Box<dyn Fn(f32) -> [f32; 3]>;
 
-/// Maps with a neutral colour in their middle.
-pub(super) const DIVERGING: [&str; 1] = ["coolwarm"];
+/// The map with a neutral colour in its middle.
+pub(super) const DIVERGING: &str = "coolwarm";
+
+/// Returns whether a map has a neutral colour in its middle.
+pub(crate) fn is_diverging(name: &str) -> bool {
+    name.eq_ignore_ascii_case(DIVERGING)
+}
 
 /// The map of [`colour_map`], or an error that lists the known names.
 pub(super) fn known_map(name: &str) -> Result<ColourMap> {

@@ -11,7 +11,7 @@ pub(crate) use self::value_sample::{PickedRow, Tiling};
 
 use self::worth::Worth;
 use super::TransferFunction;
-use super::colour_maps::{DIVERGING, known_map, over_range};
+use super::colour_maps::{DIVERGING, is_diverging, known_map, over_range};
 use super::value_scale::{ScaleName, ValueScale};
 use crate::error::{Error, Result};
 use crate::math::narrowed;
@@ -142,7 +142,7 @@ impl TransferFunction {
             _ => positions_of(values, scale)?,
         };
         let diverges = match options.colour_map {
-            Some(name) => DIVERGING.contains(&name.to_ascii_lowercase().as_str()),
+            Some(name) => is_diverging(name),
             // The sign must be the value's: a logarithm changes sign at 1.
             None => scale.has_signs() && is_zero_centred(sample, range),
         };
@@ -161,7 +161,7 @@ impl TransferFunction {
         let peak = (DEPTH * unit / length.max(f64::MIN_POSITIVE)).min(MAX_DEPTH_PER_UNIT);
         let place = worth.background_place();
         let (own_name, is_reversed) = match sample.surroundings {
-            _ if diverges => (DIVERGING[0], false),
+            _ if diverges => (DIVERGING, false),
             Surroundings::Included if place <= 0.1 => ("inferno", false),
             Surroundings::Included if place > 0.9 => ("inferno", true),
             Surroundings::Absent if scale == ValueScale::Log => ("inferno", false),
