@@ -15,10 +15,10 @@ use ewa_splat::sample::{
 use ewa_splat::scene::{Lattice, LatticeSpacing, SplatRule};
 use ewa_splat::{Result, Task};
 use glam::{DMat3, DVec3};
-use numpy::{PyReadonlyArray1, PyReadonlyArray2};
-use pyo3::exceptions::PyValueError;
+use numpy::{IntoPyArray, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, ToPyArray};
+use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyTuple};
 
 use crate::arrays::{Floats, Numbers, Points, indices, pairs, quadruples, triples};
 use crate::errors::exception;
@@ -110,6 +110,26 @@ impl Source {
         Ok(report)
     }
 
+    /// Returns the field that makes columns sum masses, `Some(None)` if they do so by themselves; `None` without masses.
+    pub(crate) fn masses(&self) -> Option<Option<String>> {
+        let Data::Set(dataset) = &self.data else {
+            return None;
+        };
+        if !matches!(dataset.geometry, Geometry::Points { .. }) {
+            return None;
+        }
+        let has = |name: &str| {
+            let mut names = dataset.fields.iter().map(|field| &field.name);
+            names.any(|own| own.eq_ignore_ascii_case(name))
+        };
+        let of_snapshot = dataset.smoothing.as_ref();
+        match of_snapshot.map(|smoothing| smoothing.mass.clone()) {
+            Some(mass) => mass.map(Some),
+            None if has("m") => Some(Some("m".into())),
+            None => has("mass").then_some(None),
+        }
+    }
+
     /// Returns the direction up.
     pub(crate) fn up(&self) -> Up {
         match &self.data {
@@ -134,6 +154,18 @@ impl Source {
                 ends.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
             }
         }
+    }
+}
+
+/// Makes an array of a field's values, in their type.
+fn array<'py>(py: Python<'py>, values: &ewa_splat::scene::Values) -> Bound<'py, PyAny> {
+    use ewa_splat::scene::Values;
+    match values {
+        Values::U8(values) => values.to_pyarray(py).into_any(),
+        Values::I16(values) => values.to_pyarray(py).into_any(),
+        Values::U16(values) => values.to_pyarray(py).into_any(),
+        Values::F32(values) => values.to_pyarray(py).into_any(),
+        Values::F64(values) => values.to_pyarray(py).into_any(),
     }
 }
 
@@ -555,6 +587,86 @@ impl Drawable {
             }
         }
         names
+    }
+
+    /// Returns the name and the arguments of the call that makes the same object, but for its options.
+    fn parts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+        let unknown = || {
+            let text = "pickle: expected particles, or one grid of scalar fields";
+            PyTypeError::new_err(text)
+        };
+        let [source] = self.sources.as_slice() else {
+            return Err(unknown());
+        };
+        let Data::Set(dataset) = &source.data else {
+            return Err(unknown());
+        };
+        let mut columns = Vec::new();
+        for field in &dataset.fields {
+            let FieldSource::Scalar(values) = &field.source else {
+                return Err(unknown());
+            };
+            columns.push((field.name.as_str(), array(py, values), field.association));
+        }
+        let rows = |points: &[DVec3]| {
+            let numbers: Vec<f64> = points.iter().flat_map(|p| p.to_array()).collect();
+            numbers.into_pyarray(py).reshape([points.len(), 3])
+        };
+        let of = |association| match association {
+            Association::Cells => "cells",
+            Association::Nodes => "nodes",
+        };
+        match (&dataset.geometry, columns.as_slice()) {
+            (Geometry::Points { positions }, _) => {
+                let columns = columns.iter().map(|(name, values, _)| (*name, values));
+                let columns: Vec<_> = columns.collect();
+                ("points", rows(positions)?, columns).into_pyobject(py)
+            }
+            (Geometry::Lattice(lattice), [(name, values, association)]) => match &lattice.spacing {
+                LatticeSpacing::Uniform { origin, step } => {
+                    let steps = step.to_cols_array_2d();
+                    let dims = lattice.dims;
+                    let of = of(*association);
+                    ("grid", dims, origin.to_array(), steps, *name, values, of).into_pyobject(py)
+                }
+                LatticeSpacing::Rectilinear { coordinates } => {
+                    let axes = coordinates.clone();
+                    ("rectilinear", axes, *name, values, of(*association)).into_pyobject(py)
+                }
+            },
+            (Geometry::Curvilinear { blocks }, [(name, values, association)])
+                if blocks.len() == 1 =>
+            {
+                let (dims, nodes) = (blocks[0].dims, rows(&blocks[0].nodes)?);
+                ("structured", dims, nodes, *name, values, of(*association)).into_pyobject(py)
+            }
+            _ => Err(unknown()),
+        }
+    }
+
+    /// Returns the same data with another field to show.
+    fn showing(&self, field: &str) -> PyResult<Self> {
+        let known = self.fields();
+        if !known.iter().any(|name| name.eq_ignore_ascii_case(field)) {
+            let names = known.join(", ");
+            let text = format!("field: expected one of {names}, found {field}");
+            return Err(PyValueError::new_err(text));
+        }
+        let sources = self.sources.iter().map(|source| {
+            let data = match &source.data {
+                Data::Set(dataset) => Data::Set(Arc::clone(dataset)),
+                Data::Surfels(ready) => Data::Surfels(Arc::clone(ready)),
+            };
+            let options = SampleOptions {
+                field: Some(field.into()),
+                ..source.options.clone()
+            };
+            Source::new(data, options)
+        });
+        Ok(Self {
+            sources: sources.collect(),
+            up: self.up,
+        })
     }
 
     /// Returns the notes of its data sets.

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use ewa_splat::image::{ColumnImage, DARK_GREY, Image};
 use ewa_splat::io;
+use ewa_splat::scene::ScaleName;
 use numpy::{
     IntoPyArray, PyArray3, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3,
     PyUntypedArrayMethods,
@@ -87,6 +88,50 @@ pub(crate) fn write_column(
     };
     let written = detached(py, || io::write_column(&path, &column));
     written.map_err(|error| exception(&error))
+}
+
+/// Returns the colours of a column density, linear and premultiplied.
+///
+/// - `map`, `range`, `scale`: the colour map's name, the range of the values, and "linear", "log" or "symlog", each if asked
+///   for.
+#[pyfunction]
+#[pyo3(signature = (values, map, range, scale))]
+pub(crate) fn column_colours<'py>(
+    py: Python<'py>,
+    values: PyReadonlyArray2<'py, f32>,
+    map: Option<String>,
+    range: Option<[f32; 2]>,
+    scale: Option<String>,
+) -> PyResult<Bound<'py, PyArray3<f32>>> {
+    let [height, width] = [values.shape()[0], values.shape()[1]];
+    let names = [ScaleName::Linear, ScaleName::Log, ScaleName::Symlog];
+    let scale = match scale {
+        None => None,
+        Some(text) => {
+            let known = names.into_iter().find(|name| name.name() == text);
+            let unknown = || {
+                let text = format!("scale: expected linear, log or symlog, found {text}");
+                PyValueError::new_err(text)
+            };
+            Some(known.ok_or_else(unknown)?)
+        }
+    };
+    let column = ColumnImage {
+        width,
+        height,
+        values: values.as_slice()?.to_vec(),
+        pixel_area: None,
+    };
+    let picture = detached(py, || {
+        let colours = io::column_colours(&column, map.as_deref(), range, scale)?;
+        Ok(match colours {
+            Some(colours) => io::column_picture(&column, &colours),
+            None => Image::new(width, height),
+        })
+    });
+    let picture = picture.map_err(|error: ewa_splat::Error| exception(&error))?;
+    let pixels = picture.pixels.into_flattened().into_pyarray(py);
+    pixels.reshape([height, width, 4])
 }
 
 /// Returns the differences of two pictures, as JSON.

@@ -13,6 +13,7 @@ use ewa_splat::legend::{ColourBar, check_legend_size, draw_legend, legend_width,
 use ewa_splat::load::{SurfelDemand, prefer, sample_together};
 use ewa_splat::measure::{About, ErrorSample, ReferenceSummary, Subject, SweepOptions, sweep};
 use ewa_splat::reference::{DataIntegrator, Integrator, ReferenceFrame, ReferenceSettings};
+use ewa_splat::render::ColumnMeans;
 use ewa_splat::sample::mesh::Spread;
 use ewa_splat::sample::{
     BoundaryChoice, FunctionOptions, KernelOptions, PeriodicBox, PurposeOptions, SampleOptions,
@@ -57,12 +58,52 @@ struct State {
 #[derive(Clone, PartialEq)]
 struct Purpose {
     for_columns: bool,
+    for_means: bool,
     normals: bool,
     models: bool,
     detail: bool,
     indices: bool,
     shapes: bool,
     transfer: Option<TransferChoice>,
+    /// What columns sum; `None` for pictures.
+    summed: Option<Summed>,
+}
+
+/// What columns sum.
+#[derive(Clone, PartialEq)]
+enum Summed {
+    /// Mass where it is known, else the field that is shown.
+    Known,
+    /// Mass.
+    Mass,
+    /// A field, as a density.
+    Field(String),
+}
+
+impl Summed {
+    fn of(text: Option<String>) -> Self {
+        match text.as_deref() {
+            None => Self::Known,
+            Some("mass") => Self::Mass,
+            Some(field) => Self::Field(field.into()),
+        }
+    }
+
+    /// Returns the field of a source that makes columns sum this.
+    fn field(&self, source: &Source) -> Result<Option<String>> {
+        match (self, source.masses()) {
+            (Self::Field(name), _) => Ok(Some(name.clone())),
+            (_, Some(masses)) => Ok(masses),
+            (Self::Known, None) => Ok(source.options.field.clone()),
+            (Self::Mass, None) => Err(Error::invalid(
+                "of",
+                "columns of mass",
+                "particles with masses",
+                "data without",
+                "give masses, or name a field",
+            )),
+        }
+    }
 }
 
 /// Scene ready to be drawn.
@@ -83,6 +124,8 @@ struct Ready {
     counts: Vec<Option<usize>>,
     /// SPH kernel that columns draw.
     smoothing: Option<SphKernel>,
+    /// Name and unit of the field.
+    title: (Option<String>, Option<String>),
     prepared: Prepared,
 }
 
@@ -91,6 +134,8 @@ struct Sampled {
     volumes: Vec<PointVolume>,
     smoothing: Option<SphKernel>,
     titles: Vec<Option<String>>,
+    /// Unit of each field.
+    units: Vec<Option<String>>,
     fields: Vec<Option<String>>,
     firsts: Vec<(usize, bool)>,
     counts: Vec<Option<usize>>,
@@ -104,6 +149,17 @@ struct Drawn {
     camera: Camera,
     stats: String,
     error: Option<String>,
+}
+
+impl Sampled {
+    /// Returns the name and the unit of the field, if all volumes show the same.
+    fn title(&self) -> (Option<String>, Option<String>) {
+        let common = |all: &[Option<String>]| {
+            let first = all.first().cloned().flatten();
+            first.filter(|_| all.windows(2).all(|pair| pair[0] == pair[1]))
+        };
+        (common(&self.fields), common(&self.units))
+    }
 }
 
 impl State {
@@ -187,8 +243,13 @@ impl State {
                     transfer: purpose.transfer.clone().unwrap_or(own.function.transfer),
                     ..own.function
                 },
+                field: match &purpose.summed {
+                    None => own.field,
+                    Some(summed) => summed.field(source)?,
+                },
                 purpose: PurposeOptions {
                     for_columns: purpose.for_columns,
+                    for_means: purpose.for_means,
                     normals: purpose.normals && own.flatten.is_none(),
                     local_models: purpose.models || own.flatten.is_some(),
                     keeps_value_sample: count > 1 && !purpose.for_columns,
@@ -212,6 +273,7 @@ impl State {
             volumes: Vec::new(),
             smoothing: common_smoothing(scenes.iter().map(|scene| &scene.report)),
             titles: Vec::new(),
+            units: Vec::new(),
             fields: Vec::new(),
             firsts: Vec::new(),
             counts,
@@ -226,6 +288,7 @@ impl State {
             let (field, unit) = (scene.report.field, scene.report.unit);
             let title = field.as_deref().map(|f| title_of(f, unit.as_deref()));
             sampled.titles.resize(sampled.volumes.len(), title);
+            sampled.units.resize(sampled.volumes.len(), unit);
             sampled.fields.resize(sampled.volumes.len(), field);
         }
         Ok(sampled)
@@ -297,6 +360,7 @@ impl State {
         let begun = Instant::now();
         let sampled = self.sample(&purpose, camera, clip, task)?;
         let read_ms = begun.elapsed().as_secs_f64() * 1e3;
+        let title = sampled.title();
         let named = sampled.volumes.iter().zip(&sampled.titles);
         let bars = named.filter_map(|(volume, title)| {
             ColourBar::of_volume(title.as_deref().unwrap_or("value"), volume)
@@ -335,6 +399,7 @@ impl State {
             firsts: sampled.firsts,
             counts: sampled.counts,
             smoothing: sampled.smoothing,
+            title,
             prepared: Prepared {
                 begun,
                 read_ms,
@@ -367,6 +432,8 @@ impl State {
         let by_extent = settings.classify == ewa_splat::Classification::Extent;
         Purpose {
             for_columns: false,
+            for_means: false,
+            summed: None,
             normals: drawing.is_lit && !is_post_classified(settings),
             models: by_extent || slabs,
             detail: settings.draws_merged(),
@@ -483,6 +550,20 @@ impl Source {
         let surface = as_surface(Dataset::clone(dataset), &self.options)?;
         Ok(Some(Cow::Owned(surface)))
     }
+}
+
+/// Returns a point of the plane at a coordinate along the axis that a camera looks along.
+fn point_of_slice(camera: &Camera, at: f64) -> Result<glam::DVec3> {
+    let fault = |place: &str, expected: &str, found: String| {
+        Error::invalid("slice", place, expected, found, "correct it")
+    };
+    if !at.is_finite() {
+        return Err(fault("coordinate", "a finite number", at.to_string()));
+    }
+    let along = Along::of_camera(camera);
+    let expected = "one that looks along an axis: Camera.along";
+    let along = along.ok_or_else(|| fault("camera", expected, "another one".into()))?;
+    Ok(along.axis() * at)
 }
 
 /// Returns the camera of a view.
@@ -734,15 +815,23 @@ impl Renderer {
         Ok(dict)
     }
 
-    /// Draws a column density. Returns the values, the area of a pixel, the camera, and the
-    /// quantity that is summed.
-    #[pyo3(signature = (view, size, said))]
+    /// Draws a column density, or the mean of a field along each ray. Returns the values, the area of a pixel, the camera,
+    /// the quantity that is summed, and its name and unit.
+    ///
+    /// - `of`: what is summed, or weighs the mean; "mass" or a field.
+    /// - `mean`: the field whose mean is drawn.
+    /// - `slice`: coordinate along the camera's axis of the plane that is drawn instead of columns.
+    #[pyo3(signature = (view, size, said, of, mean, slice))]
+    #[expect(clippy::too_many_arguments, reason = "the package's own call")]
     fn column_density<'py>(
         &self,
         py: Python<'py>,
         view: Option<View>,
         size: [usize; 2],
         said: Option<&Bound<'py, PyDict>>,
+        of: Option<String>,
+        mean: Option<String>,
+        slice: Option<f64>,
     ) -> PyResult<Bound<'py, PyDict>> {
         checked(size)?;
         let drawing = drawing(said)?;
@@ -762,10 +851,12 @@ impl Renderer {
             simd: shared.advanced.simd,
             task: None,
         };
-        let (column, camera, sum, unknown) = run(py, |task| {
+        let drawn = run(py, |task| {
             let mut state = self.lock(task)?;
             let purpose = Purpose {
                 for_columns: true,
+                for_means: mean.is_some(),
+                summed: Some(Summed::of(of)),
                 normals: false,
                 models: false,
                 detail: false,
@@ -779,7 +870,7 @@ impl Renderer {
             let mut clip = settings.clip.clone();
             clip.extend(periodic.iter().flat_map(PeriodicBox::planes));
             let of_boxes = |boxes: &[Bounds]| camera(view.as_ref(), up, boxes, lens, size, 0);
-            let ready = state.prepare(purpose, &of_boxes, &clip, task)?;
+            let ready = state.prepare(purpose.clone(), &of_boxes, &clip, task)?;
             let boxes = left_of(ready.renderer.boxes(), &clip);
             // The picture of a periodic box shows the box alone, if it has its shape.
             let filled = periodic.filter(|_| view.is_none()).and_then(|periodic| {
@@ -787,26 +878,65 @@ impl Renderer {
                 let has_shape = window.has_shape(size);
                 has_shape.then(|| Along::Z.camera(&window, &boxes, size))
             });
-            let camera = filled.unwrap_or_else(|| camera(view.as_ref(), up, &boxes, lens, size, 0));
+            let camera = filled.unwrap_or_else(|| of_boxes(&boxes));
+            let through = match slice {
+                None => None,
+                Some(at) => Some(point_of_slice(&camera, at)?),
+            };
+            let fields = match &mean {
+                None => None,
+                Some(field) => {
+                    let of_field = Purpose {
+                        summed: Some(Summed::Field(field.clone())),
+                        ..purpose.clone()
+                    };
+                    let weights = state.sample(&purpose, &of_boxes, &clip, task)?;
+                    let fields = state.sample(&of_field, &of_boxes, &clip, task)?;
+                    Some((weights, fields))
+                }
+            };
+            let backend = usable(state.backend)?;
             let ready = state.opened(&camera)?;
-            let settings = ColumnSettings {
+            let mut settings = ColumnSettings {
                 smoothing: ready.smoothing,
-                clip,
+                slice: through,
+                // The images in a periodic box make up for what its faces would cut.
+                clip: if through.is_some() {
+                    settings.clip
+                } else {
+                    clip
+                },
                 task: Some(task.clone()),
                 ..settings
             };
-            let column = ready.renderer.column_density(&camera, &settings)?.clone();
+            if mean.is_some() {
+                settings = ColumnMeans::settings(&settings);
+            }
+            let mut column = ready.renderer.column_density(&camera, &settings)?.clone();
+            let mut title = ready.title.clone();
+            if let Some((weights, fields)) = fields {
+                let on = |renderer: &ewa_splat::Renderer| match backend {
+                    Backend::Auto if renderer.suits_cpu(&camera, 1) => Backend::Cpu,
+                    backend => backend,
+                };
+                let mut means = ColumnMeans::new(&weights.volumes, &fields.volumes, on)?;
+                column = means.draw(&column, &camera, &settings)?;
+                title = fields.title();
+            }
             let amplitudes = ready.renderer.amplitudes();
-            Ok((column, camera, amplitudes.sum, amplitudes.not_finite))
+            Ok((column, camera, amplitudes, title))
         })?;
+        let (column, camera, amplitudes, (name, unit)) = drawn;
         let dict = PyDict::new(py);
         let [width, height] = size;
         let values = column.values.into_pyarray(py).reshape([height, width])?;
         dict.set_item("values", values)?;
         dict.set_item("pixel_area", column.pixel_area)?;
         dict.set_item("camera", described(py, &camera)?)?;
-        dict.set_item("amplitude_sum", sum)?;
-        dict.set_item("not_finite", unknown)?;
+        dict.set_item("amplitude_sum", amplitudes.sum)?;
+        dict.set_item("not_finite", amplitudes.not_finite)?;
+        dict.set_item("field", name)?;
+        dict.set_item("unit", unit)?;
         Ok(dict)
     }
 

@@ -17,6 +17,7 @@
 
 mod baked;
 mod column;
+mod column_mean;
 #[cfg(feature = "gpu")]
 mod device;
 mod levels;
@@ -38,6 +39,7 @@ pub use crate::splat::Filter;
 pub use crate::splat::PIXEL_VARIANCE_PX2;
 pub use crate::stats::{FrameCounts, StageTimes};
 pub use baked::{bake_light, nothing_lit};
+pub use column_mean::ColumnMeans;
 pub use options::{Contents, RendererOptions};
 pub use pick::Picked;
 pub use renderer::Renderer;

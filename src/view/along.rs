@@ -111,7 +111,7 @@ impl Along {
     }
 
     /// Returns the axis along which an orthographic camera looks, if it looks along one.
-    fn of_camera(camera: &Camera) -> Option<Self> {
+    pub fn of_camera(camera: &Camera) -> Option<Self> {
         let all = [false, true].into_iter().flat_map(|is_from_behind| {
             (0..3).map(move |axis| Self {
                 axis,

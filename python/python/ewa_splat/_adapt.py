@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ._scene import Surfels, Drawable, Volume, load
+from ._scene import Drawable, Surfels, Volume, is_table, load
 from ._units import in_unit_of, unit_text
 
 #: VTK's cell-type numbers for meshio's cell names.
@@ -42,6 +42,8 @@ def adapt(data: Any, field: str | None = None, **options: Any) -> Drawable:
     xarray data arrays with two-dimensional or       curvilinear grids
     three-dimensional coordinates (ROMS, NEMO)
     xarray data arrays with one-dimensional ones     rectilinear grids
+    pandas data frames, astropy tables, structured   particles, as `Volume.from_table`
+    arrays
     tensors of (n, 3), by DLPack                     points
     paths                                            results of `load`
     ================================================ ===========================================================
@@ -67,12 +69,14 @@ def adapt(data: Any, field: str | None = None, **options: Any) -> Drawable:
         return data
     if isinstance(data, (str, os.PathLike)):
         return load(data, field, **options)
+    if is_table(data):
+        return Volume.from_table(data, field, **options)
     for looks_like, make in _KINDS:
         if looks_like(data):
             return make(data, field, options)
     raise TypeError(
         f"things: expected a Volume, Surfels, Splats, a path, or an object of PyVista, VTK, meshio, trimesh, swiftsimio, "
-        f"pynbody, yt or xarray, found {type(data).__module__}.{type(data).__name__}"
+        f"pynbody, yt or xarray, a table, found {type(data).__module__}.{type(data).__name__}"
     )
 
 

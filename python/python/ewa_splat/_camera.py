@@ -169,8 +169,14 @@ class Camera:
         position, focal_point, up = list(camera_position)
         return cls.look_at(position, focal_point, up, fov=view_angle)
 
-    def to_pyvista(self) -> list[tuple[float, float, float]]:
-        """Return (position, focal point, view up) for ``plotter.camera_position``; the angle is `fov`.
+    def to_pyvista(self, camera: Any = None) -> list[tuple[float, float, float]]:
+        """Return (position, focal point, view up) for ``plotter.camera_position``, which has no projection.
+
+        Parameters
+        ----------
+        camera
+            ``plotter.camera``, if it is to be set: position, direction up, and the angle or the parallel projection with
+            its scale.
 
         Raises
         ------
@@ -178,13 +184,31 @@ class Camera:
             A camera that is fitted when something is drawn. `Image.camera` is the fitted camera.
         """
         view = self._view
+        scale = angle = None
         if view["kind"] == "look_at":
-            return [tuple(view["eye"]), tuple(view["target"]), tuple(view["up"])]
-        if view["kind"] == "calibrated":
+            place = [tuple(view["eye"]), tuple(view["target"]), tuple(view["up"])]
+            if view.get("ortho_height") is not None:
+                scale = view["ortho_height"] / 2.0
+            angle = view.get("fov", DEFAULT_FOV)
+        elif view["kind"] == "calibrated":
             right, down, forward = np.array(view["rotation"])
             eye = np.array(view["eye"])
-            return [tuple(map(float, v)) for v in (eye, eye + forward, -down)]  # type: ignore[misc]
-        raise ValueError("camera: expected one with a place, found one that is fitted to data; take Image.camera")
+            place = [tuple(map(float, v)) for v in (eye, eye + forward, -down)]
+            # Half of the picture's height, in world units or as a slope.
+            half = view["size"][1] / (2.0 * view["focal_px"][1])
+            if view.get("orthographic"):
+                scale = half
+            angle = math.degrees(2.0 * math.atan(half))
+        else:
+            raise ValueError("camera: expected one with a place, found one that is fitted to data; take Image.camera")
+        if camera is not None:
+            camera.position, camera.focal_point, camera.up = place
+            camera.parallel_projection = scale is not None
+            if scale is None:
+                camera.view_angle = angle
+            else:
+                camera.parallel_scale = scale
+        return place  # type: ignore[return-value]
 
     def orbit(self, azimuth: float = 0.0, elevation: float = 0.0) -> Camera:
         """Return this camera, turned around its target: around the direction up, then above the horizon, degrees.

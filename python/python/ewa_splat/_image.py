@@ -113,28 +113,41 @@ class Image:
 
 
 class Column:
-    """A column density: the line integral of a field along each pixel's ray.
+    """A column density, the mean of a field along each pixel's ray, or a slice through a field.
 
     Attributes
     ----------
     values : (height, width) float32
-        Field times length, rows from the top.
+        Field times length, the mean, or the field; rows from the top. Means are NaN where there is nothing.
     pixel_area
         Area of a pixel, world units squared; ``None`` under perspective, where it varies.
     amplitude_sum
-        The sum of value times volume over all particles.
+        The sum of what is summed over all particles: their masses, or value times volume.
     not_finite
         The number of values that are not finite; they add nothing.
     camera
         Camera of the column density.
+    title
+        What the values are of, for labels.
+    unit
+        Unit of the values of means and slices of a field, if the data have it; ``None`` for integrals, whose unit is that
+        of the field times that of the positions.
     """
 
-    def __init__(self, told: dict[str, Any]) -> None:
+    def __init__(self, told: dict[str, Any], what: str = "column") -> None:
         self.values: NDArray[np.float32] = told["values"]
         self.pixel_area: float | None = told["pixel_area"]
         self.amplitude_sum: float = told["amplitude_sum"]
         self.not_finite: int = told["not_finite"]
         self.camera = Camera({"kind": "calibrated"} | told["camera"])
+        field = told["field"]
+        self.title: str = {
+            "column": "column density" if field is None else f"column of {field}",
+            "mean": f"mean {field}",
+            "slice": "density" if field is None else field,
+        }[what]
+        self.unit: str | None = None if what == "column" else told["unit"]
+        self._scale = "linear" if what == "mean" else None
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
@@ -169,13 +182,115 @@ class Column:
             return None
         return float(self.values.sum(dtype=np.float64)) * self.pixel_area
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the column density: npy, pfm and exr store the values, png their logarithm in viridis."""
-        _core.write_column(np.ascontiguousarray(self.values), self.pixel_area, os.fspath(path))
+    def _pixels(self, cmap: str | None, range: tuple[float, float] | None, scale: str | None) -> NDArray[np.float32]:
+        values = np.ascontiguousarray(self.values)
+        ends = None if range is None else [float(end) for end in range]
+        return _core.column_colours(values, cmap, ends, scale or self._scale)
+
+    def save(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        cmap: str | None = None,
+        range: tuple[float, float] | None = None,
+        scale: str | None = None,
+    ) -> None:
+        """Write the values to npy, pfm or exr, or their colours to png.
+
+        Parameters
+        ----------
+        path
+            File to write; its extension chooses the format.
+        cmap
+            Colour map of a png; by default viridis, or coolwarm about 0 for values of both signs.
+        range
+            Values at the ends of the map; by default those of the picture.
+        scale
+            ``"log"``, ``"linear"`` or ``"symlog"``; by default log, but linear for means and for values of both signs.
+
+        Raises
+        ------
+        ValueError
+            Another extension; colours of a file that holds the values.
+        """
+        name = os.fspath(path)
+        if name.lower().endswith(".png"):
+            _core.write_image(self._pixels(cmap, range, scale), name, True)
+            return
+        said = {"cmap": cmap, "range": range, "scale": scale}
+        given = [key for key, value in said.items() if value is not None]
+        if given:
+            raise ValueError(f"{given[0]}: expected a png, which has colours, found {os.path.basename(name)}")
+        _core.write_column(np.ascontiguousarray(self.values), self.pixel_area, name)
+
+    def plot(
+        self,
+        ax: Any = None,
+        *,
+        cmap: Any = None,
+        range: tuple[float, float] | None = None,
+        scale: str | None = None,
+        colorbar: bool = True,
+    ) -> Any:
+        """Draw the values with matplotlib, with coordinates at the axes and a colour bar.
+
+        Parameters
+        ----------
+        ax
+            Axes to draw on; by default the current ones.
+        cmap, range, scale
+            As in `save`; `cmap` may be a colour map of matplotlib.
+        colorbar
+            Whether a colour bar is added.
+
+        Returns
+        -------
+        matplotlib.image.AxesImage
+        """
+        import matplotlib.colors
+        import matplotlib.pyplot
+
+        axes = matplotlib.pyplot.gca() if ax is None else ax
+        finite = self.values[np.isfinite(self.values)]
+        extreme = float(np.abs(finite).max(initial=0.0))
+        has_signs = bool(finite.size) and -float(finite.min()) > 1e-3 * extreme
+        scale = scale or self._scale or ("linear" if has_signs else "log")
+        is_centred = has_signs and scale != "log" and cmap is None
+        low, high = (None, None) if range is None else range
+        if range is None and is_centred:
+            low, high = -extreme, extreme
+        values = self.values
+        norm: Any
+        if scale == "log":
+            positive = finite[finite > 0]
+            if range is None and positive.size:
+                # Lower values are the rims of kernels.
+                high = float(positive.max())
+                low = max(float(positive.min()), 1e-4 * high)
+            values = np.where(values > 0, values, np.nan).astype(np.float32)
+            norm = matplotlib.colors.LogNorm(low, high)
+        elif scale == "symlog":
+            norm = matplotlib.colors.SymLogNorm(max(1e-3 * extreme, 1e-30), vmin=low, vmax=high)
+        elif scale == "linear":
+            norm = matplotlib.colors.Normalize(low, high)
+        else:
+            raise ValueError(f"scale: expected log, linear or symlog, found {scale}")
+        picture = axes.imshow(
+            values, extent=self.extent, norm=norm, cmap=cmap or ("coolwarm" if is_centred else "viridis"), interpolation="none"
+        )
+        if colorbar:
+            label = self.title if self.unit is None else f"{self.title} [{self.unit}]"
+            axes.figure.colorbar(picture, ax=axes, label=label)
+        return picture
+
+    def _repr_png_(self) -> bytes:
+        data = _core.write_image(self._pixels(None, None, None), None, False)
+        assert data is not None
+        return data
 
     def __repr__(self) -> str:
         height, width = self.shape
-        return f"Column({width} x {height})"
+        return f"Column({self.title}, {width} x {height})"
 
 
 def picture(image: Image | ArrayLike | str | os.PathLike[str], name: str) -> NDArray[np.float32]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal, TypedDict
 
@@ -130,6 +131,7 @@ def sampling(keywords: dict[str, Any]) -> dict[str, Any]:
     from ._transfer import choice
 
     said = dict(keywords)
+    _known(said, [*Sampling.__annotations__, *_ARRAYS])
     if said.get("up") is not None:
         said["up"] = vector(said["up"], "up")
     if said.get("box") is not None:
@@ -148,6 +150,7 @@ def drawing(keywords: dict[str, Any]) -> dict[str, Any]:
     from ._transfer import choice
 
     said = dict(keywords)
+    _known(said, [*Drawing.__annotations__, "tolerance", "transfer_function", "camera", "size", "of", "slice"])
     if "transfer_function" in said:
         said["transfer_function"] = choice(said["transfer_function"])
     if said.get("background") is not None:
@@ -168,6 +171,23 @@ def drawing(keywords: dict[str, Any]) -> dict[str, Any]:
                 planes.append(vector(plane, "clip", 4))
         said["clip"] = planes
     return said
+
+
+#: Arguments of constructors, for which a misspelt keyword may stand.
+_ARRAYS = (
+    "values radius smoothing_length covariance scales rotations mass volume opacity color colors fields name spacing origin "
+    "direction coordinates of uv texture harmonics field time_step time particle_type solution read_as dims"
+).split()
+
+
+def _known(keywords: dict[str, Any], names: Sequence[str]) -> None:
+    """Refuse a keyword that is none of `names` but nearly one."""
+    for keyword in keywords:
+        if keyword in names:
+            continue
+        near = difflib.get_close_matches(keyword, names, 1, 0.7)
+        if near:
+            raise TypeError(f"{keyword}: no such keyword argument here; did you mean {near[0]}?")
 
 
 def lights_of(lights: Sequence[Sequence[float]]) -> list[list[float]]:

@@ -136,14 +136,23 @@ class Renderer:
         self,
         camera: Camera | None = None,
         size: tuple[int, int] = (800, 600),
+        *,
+        of: str | None = None,
+        slice: float | None = None,
         **settings: Unpack[Drawing],
     ) -> Column:
-        """Integrate the field along each pixel's ray, without a transfer function or opacity.
+        """Integrate a density along each pixel's ray, without a transfer function or opacity.
 
         Parameters
         ----------
         camera, size
-            As in `render`; by default, the picture is orthographic.
+            As in `render`; by default, the picture is orthographic, along z.
+        of
+            What is integrated: ``"mass"``, or the name of a field, as a density. By default mass where it is known,
+            whatever field is shown, and otherwise the field that is shown.
+        slice
+            Coordinate of a plane along the camera's axis (`Camera.along`): pixels then hold the density on the plane
+            instead of its integral.
         **settings
             From `Drawing`: clip, low_pass, cutoff, filter.
 
@@ -151,11 +160,59 @@ class Renderer:
         ------
         TypeError
             Settings that do not apply to column densities.
+        ValueError
+            Masses or a field that the data do not have; a slice across another camera or beside `clip`.
         """
+        return self._column(camera, size, of, None, slice, settings)
+
+    def column_mean(
+        self,
+        field: str,
+        camera: Camera | None = None,
+        size: tuple[int, int] = (800, 600),
+        *,
+        weight: str | None = None,
+        slice: float | None = None,
+        **settings: Unpack[Drawing],
+    ) -> Column:
+        """Compute the mean of a field along each pixel's ray, or on a slice.
+
+        Parameters
+        ----------
+        field
+            Name of the field.
+        camera, size, slice, **settings
+            As in `column_density`.
+        weight
+            ``"mass"``, or the name of a field that weighs as a density; by default as `of` of `column_density`.
+
+        Returns
+        -------
+        Column
+            NaN where no kernel lies within three standard deviations, or where the weights are 0.
+
+        Raises
+        ------
+        ValueError
+            As `column_density`; weights below 0.
+        """
+        return self._column(camera, size, weight, field, slice, settings)
+
+    def _column(
+        self,
+        camera: Camera | None,
+        size: tuple[int, int],
+        of: str | None,
+        mean: str | None,
+        slice: float | None,
+        settings: Any,
+    ) -> Column:
         for name in settings:
             if name not in ("clip", "low_pass", "cutoff", "filter", "tolerance"):
                 raise TypeError(f"{name}: column densities have no such setting")
-        return Column(self._core.column_density(_view(camera), _size(size), drawing(dict(settings))))
+        at = None if slice is None else float(slice)
+        told = self._core.column_density(_view(camera), _size(size), drawing(dict(settings)), of, mean, at)
+        return Column(told, "mean" if mean is not None else "column" if slice is None else "slice")
 
     def reference(
         self,

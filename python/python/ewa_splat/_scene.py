@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _arrays, _core
 from ._keywords import Sampling, sampling
-from ._units import in_unit_of, unit_text
+from ._units import in_unit_of, strip_unit, unit_text
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -53,10 +54,17 @@ class Report(NamedTuple):
 class Drawable:
     """Object that a renderer draws; the base of `Volume`, `Surfels` and `Splats`."""
 
-    def __init__(self, core: _core.Drawable, values: Callable[[object], NDArray[Any]] | None = None) -> None:
+    def __init__(
+        self,
+        core: _core.Drawable,
+        values: Callable[[object], NDArray[Any]] | None = None,
+        made: tuple[Any, ...] | None = None,
+    ) -> None:
         self._core = core
         # Converts new values to the thing's layout.
         self._values = values
+        # How it was made, for pickles: the compiled part's call and its options, or the arguments of `load`.
+        self._made = made
         #: File that the thing was loaded from.
         self.path: str | None = None
 
@@ -83,6 +91,30 @@ class Drawable:
     def notes(self) -> list[str]:
         """Notes on data that the reader of a file left out, and on its assumptions."""
         return self._core.notes()
+
+    def showing(self, field: str) -> Drawable:
+        """Return the same thing with another of its fields to show. The arrays are shared, not copied.
+
+        Raises
+        ------
+        ValueError
+            A field that it does not have.
+        """
+        core = self._core.showing(field)
+        made = None
+        if self._made is not None:
+            made = (*self._made[:-1], self._made[-1] | {"field": field})
+        thing = type(self)(core, None, made)
+        thing.path = self.path
+        return thing
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        if self._made is None:
+            raise TypeError(f"pickle: expected a volume of arrays or the contents of a file, found {type(self).__name__}")
+        kind, options = self._made[0], self._made[-1]
+        if kind == "load":
+            return _loaded, (*self._made[1:-1], options)
+        return _remade, (type(self), kind, self._core.parts(), options)
 
     def _repr_png_(self) -> bytes:
         from ._renderer import Renderer
@@ -121,6 +153,7 @@ class Volume(Drawable):
         volume: ArrayLike | None = None,
         opacity: ArrayLike | None = None,
         color: ArrayLike | None = None,
+        fields: Mapping[str, ArrayLike] | None = None,
         name: str = VALUE,
         **options: Unpack[Sampling],
     ) -> Volume:
@@ -151,6 +184,8 @@ class Volume(Drawable):
             Opacity of each kernel, seen along its shortest axis, in place of a transfer function's.
         color : (3,) or (n, 3)
             Colours in place of values: linear if floats, sRGB-encoded if integers.
+        fields : names and arrays (n,)
+            Further values, which `showing`, `Renderer.column_density` and `Renderer.column_mean` choose by name.
         name
             Name of the values in legends.
         **options
@@ -231,7 +266,61 @@ class Volume(Drawable):
         if color is not None:
             for i, channel in enumerate(_arrays.colours(color, "color", count, 3).T):
                 add("rgb"[i], channel, "color")
-        return cls(_core.Drawable.points(places, columns, said), lambda data: _arrays.column(data, "values", count))
+        known = {column.lower() for column, _ in columns}
+        for field, data in (fields or {}).items():
+            if field.lower() in _RESERVED | known:
+                raise ValueError(f"fields: expected a name without a meaning of its own, found {field!r}")
+            add(field, data, f"fields[{field!r}]")
+            known.add(field.lower())
+        return cls(_core.Drawable.points(places, columns, said), _column_converter(count), ("points", said))
+
+    @classmethod
+    def from_table(cls, table: Any, field: str | None = None, **options: Unpack[Sampling]) -> Volume:
+        """Make a volume of a table with one particle in each row.
+
+        Parameters
+        ----------
+        table
+            A data frame of pandas, a table of astropy, a structured array, or a dictionary of arrays. Columns mean what
+            their names say, as in CSV files: x, y and z are positions, h, radius or sigma lengths, m masses, and others
+            fields. Columns that are no numbers are left out. Lengths with units are converted to that of x.
+        field
+            Column to show.
+        **options
+            See `Sampling`.
+
+        Raises
+        ------
+        ValueError
+            A table without columns x and y, or without the field; columns of different lengths.
+        """
+        names = [str(name) for name in _column_names(table)]
+        first = next((name for name in names if name.lower() == "x"), None)
+        columns: dict[str, NDArray[Any]] = {}
+        unit = None
+        for name, key in zip(names, _column_names(table), strict=True):
+            column = table[key]
+            if first is not None and name.lower() in _POWERS:
+                column = in_unit_of(column, table[first], _POWERS[name.lower()])
+            if name == field:
+                unit = unit_text(column)
+            array = np.asarray(strip_unit(column)[0])
+            if array.ndim == 1 and array.dtype.kind in "biuf":
+                columns[name] = array.astype(np.uint8) if array.dtype.kind == "b" else array
+        counts = {len(array) for array in columns.values()}
+        if len(counts) != 1:
+            raise ValueError(f"table: expected columns of one length, found {', '.join(map(str, sorted(counts))) or 'none'}")
+        rows = np.empty(counts.pop(), dtype=[(name, array.dtype) for name, array in columns.items()])
+        for name, array in columns.items():
+            rows[name] = array
+        packed = io.BytesIO()
+        np.save(packed, rows)
+        said = sampling(dict(options))
+        if field is not None:
+            said["field"] = field
+            said.setdefault("unit", unit)
+        made = ("read", said)
+        return cls(_core.Drawable.read("table.npy", packed.getvalue(), said, {}), None, made)
 
     @classmethod
     def from_grid(
@@ -305,7 +394,7 @@ class Volume(Drawable):
             turn = np.eye(3) if direction is None else _arrays.rows(direction, "direction", 3, 3).astype(float)
             start = _arrays.vector(origin, "origin")
             core = _core.Drawable.grid(dims, start, (turn * sizes).T.tolist(), name, flat, of, said)
-        return cls(core, _grid_converter(array.shape))
+        return cls(core, _grid_converter(array.shape), ("rectilinear" if coordinates is not None else "grid", said))
 
     @classmethod
     def from_structured(
@@ -359,7 +448,7 @@ class Volume(Drawable):
         said["field"] = name
         places = _arrays.positions(nodes.transpose(2, 1, 0, 3).reshape(-1, 3), "points")
         core = _core.Drawable.structured(dims, places, name, _arrays.fortran(array), of, said)
-        return cls(core, _grid_converter(expected))
+        return cls(core, _grid_converter(expected), ("structured", said))
 
     @classmethod
     def from_cells(
@@ -731,7 +820,7 @@ def load(
         if name is not None:
             raise ValueError("name: expected a file-like object beside it, found a path, which has a name")
         path = os.fspath(source)
-        thing = Drawable(_core.Drawable.open(path, said, how))
+        thing = Drawable(_core.Drawable.open(path, said, how), None, ("load", path, how, said))
         thing.path = path
         return thing
     read = getattr(source, "read", None)
@@ -745,11 +834,61 @@ def load(
     return Drawable(_core.Drawable.read(os.path.basename(called), data, said, how))
 
 
+def _loaded(path: str, how: dict[str, Any], said: dict[str, Any]) -> Drawable:
+    """Return the contents of a file that a pickle names."""
+    thing = Drawable(_core.Drawable.open(path, said, how), None, ("load", path, how, said))
+    thing.path = path
+    return thing
+
+
+def _remade(cls: type[Drawable], kind: str, parts: tuple[Any, ...], said: dict[str, Any]) -> Drawable:
+    """Return a thing of the arrays that a pickle holds."""
+    made, *arguments = parts
+    core = getattr(_core.Drawable, made)(*arguments, said)
+    converter = None
+    if made == "points" and kind == "points":
+        converter = _column_converter(len(arguments[0]))
+    elif made != "points":
+        dims = arguments[0] if made != "rectilinear" else [len(axis) for axis in arguments[0]]
+        converter = _grid_converter(tuple(n - 1 for n in dims) if arguments[-1] == "cells" else tuple(dims))
+    return cls(core, converter, (made, said))
+
+
 #: Column names with a fixed meaning.
 _RESERVED = frozenset("x y z sigma h radius mass m extinction volume opacity id r g b red green blue".split()) | {
     "vxx", "vxy", "vxz", "vyy", "vyz", "vzz", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3",
 }  # fmt: skip
 _VARIANCE = ("vxx", "vxy", "vxz", "vyy", "vyz", "vzz")
+
+
+#: Columns of tables with lengths, and the powers of the unit of length in columns.
+_POWERS = {name: 1 for name in ("y", "z", "h", "radius", "sigma", "scale_0", "scale_1", "scale_2")}
+_POWERS |= dict.fromkeys(_VARIANCE, 2) | {"volume": 3}
+
+
+def _column_names(table: Any) -> list[Any]:
+    """Return the keys of a table's columns."""
+    if isinstance(table, Mapping):
+        return list(table)
+    names = getattr(table, "colnames", None)
+    if names is None and hasattr(table, "iloc"):
+        names = table.columns
+    if names is None:
+        names = getattr(getattr(table, "dtype", None), "names", None)
+    if names is None:
+        raise TypeError(f"table: expected a data frame, a table or a structured array, found {type(table).__name__}")
+    return list(names)
+
+
+def is_table(data: Any) -> bool:
+    """Return whether an object is a table with named columns."""
+    is_frame = hasattr(data, "iloc") and hasattr(data, "columns")
+    is_array = isinstance(data, np.ndarray) and data.dtype.names is not None
+    return is_frame or is_array or (hasattr(data, "colnames") and hasattr(data, "itercols"))
+
+
+def _column_converter(count: int) -> Callable[[object], NDArray[Any]]:
+    return lambda data: _arrays.column(data, "values", count)
 
 
 def _one_of(value: str, name: str, *choices: str) -> None:

@@ -6,13 +6,14 @@ use crate::io::{
 };
 use crate::legend::{ColourBar, legend_width};
 use crate::math::narrowed;
+use crate::render::ColumnMeans;
 use crate::scene::{TransferFunction, ValueScale};
 use crate::view::{Along, Camera};
 use crate::{ColumnImage, ColumnSettings, Error, Renderer, Result};
 use indicatif::ProgressBar;
 use serde_json::json;
 
-use super::column_mean::{ColumnMean, Quotients, REACH};
+use super::column_mean::ColumnMean;
 use super::options::{Arguments, ColumnLook};
 use crate::command::annotations::Overlays;
 use crate::command::legend::column_title;
@@ -55,9 +56,8 @@ impl Arguments {
             smoothing,
             ..self.column_settings()
         };
-        if mean.is_some() && settings.slice.is_some() {
-            // A mean is given where kernels count.
-            settings.cutoff = REACH;
+        if mean.is_some() {
+            settings = ColumnMeans::settings(&settings);
         }
         progress.set_message("summing");
         renderer.column_density(&camera, &settings)?;
@@ -80,11 +80,11 @@ impl Arguments {
         };
         let is_mean = mean.is_some();
         let on = |renderer: &Renderer| self.backend(renderer, &camera);
-        let mut quotients = mean.map(|mean| Quotients::new(mean, &settings, on));
-        let mut quotients = quotients.take().transpose()?;
-        let mut column = match &mut quotients {
+        let means = mean.map(|mean| ColumnMeans::new(&mean.weights, &mean.fields, on));
+        let mut means = means.transpose()?;
+        let mut column = match &mut means {
             None => renderer.column().clone(),
-            Some(quotients) => quotients.drawn(renderer.column(), &camera, &settings)?,
+            Some(means) => means.draw(renderer.column(), &camera, &settings)?,
         };
         let look = self.column_look();
         let mut colours = column_colours(&column, look.map, look.range, look.scale)?;
@@ -102,9 +102,9 @@ impl Arguments {
         if let Some(beside) = beside {
             camera = beside;
             renderer.column_density(&camera, &settings)?;
-            column = match &mut quotients {
+            column = match &mut means {
                 None => renderer.column().clone(),
-                Some(quotients) => quotients.drawn(renderer.column(), &camera, &settings)?,
+                Some(means) => means.draw(renderer.column(), &camera, &settings)?,
             };
             colours = column_colours(&column, look.map, look.range, look.scale)?;
         }
