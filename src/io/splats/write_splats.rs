@@ -161,6 +161,8 @@ fn format_of(path: &Path) -> Result<Format> {
 /// of PLY and USD's surflets an axis of length 0 becomes [`FLAT_SHARE`] of the next larger. In PLY an opacity keeps 3.1e-7 from 0
 /// and 1, because a logit is finite.
 ///
+/// SPZ's [extension records](SplatCloud::records) are written to `.spz`, as far as they still hold.
+///
 /// [`SplatFileOptions::up`] is the up direction, from which the splats are rotated to the format's axes
 /// ([`SplatAxes`]). Without it, reading the file returns the same coordinates; for SPZ, writing converts to the
 /// format's axes and reading converts back.
@@ -222,6 +224,9 @@ pub fn write_splats(
         let note = "colours in linear light that depend on the view are lost: the format has sRGB codes alone";
         encoded.notes.push(note.into());
     }
+    encoded
+        .notes
+        .extend(cloud.records.notes(format == Format::Spz));
     // A tenth of a splat is visible.
     let size = median_size(cloud);
     if encoded.position_quantum > 0.1 * size {
