@@ -41,7 +41,7 @@ pub(crate) struct Arguments {
     #[arg(required = true)]
     inputs: Vec<PathBuf>,
     /// File of splats to write: ply, compressed.ply, splat, ksplat, spz, sog, meta.json (a SOG's, with its images beside it), glb, gltf,
-    /// usda, usdz, csv or vtu; or arrow: a prepared scene, blocks and levels
+    /// usda, usdc, usdz, csv or vtu; or arrow: a prepared scene, blocks and levels
     /// of detail that `render`, `view`, `info` and `measure` take without reading what no picture asks for
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
