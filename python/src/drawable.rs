@@ -458,8 +458,8 @@ impl Drawable {
             harmonics_degree: degree,
             harmonics: harmonics.0,
             rule: SplatRule::Exact,
-            by_distance: false,
             is_linear: false,
+            ..SplatCloud::default()
         };
         Self::of(py, "splats", Geometry::Splats(cloud), Vec::new(), options)
     }

@@ -25,7 +25,7 @@ def table(text: str) -> dict[str, np.ndarray]:
     return dict(zip(names.split(","), np.array([row.split(",") for row in rows], float).T, strict=True))
 
 
-@pytest.mark.parametrize("ending", ["usda", "usdz"])
+@pytest.mark.parametrize("ending", ["usda", "usdc", "usdz"])
 def test_written_splats_are_those_of_a_table(run, tmp_path, ending) -> None:
     scene = FIXTURES / "splats" / "scene.ply"
     out = tmp_path / f"a.{ending}"

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::data::dataset::{Dataset, Geometry};
 use crate::data::splats::SplatCloud;
+use crate::data::spz_records::{Change, SpzRecords};
 use crate::data::up::Up;
 use crate::io::write_splats;
 use crate::io::{
@@ -40,7 +41,7 @@ pub(crate) struct Arguments {
     #[arg(required = true)]
     inputs: Vec<PathBuf>,
     /// File of splats to write: ply, compressed.ply, splat, ksplat, spz, sog, meta.json (a SOG's, with its images beside it), glb, gltf,
-    /// usda, usdz, csv or vtu; or arrow: a prepared scene, blocks and levels
+    /// usda, usdc, usdz, csv or vtu; or arrow: a prepared scene, blocks and levels
     /// of detail that `render`, `view`, `info` and `measure` take without reading what no picture asks for
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
@@ -384,7 +385,16 @@ impl Converted {
             // Keeps the file's splats. A named field replaces their colours, so it takes the other
             // branch.
             Geometry::Splats(cloud) if options.field.is_none() => sound_splats(cloud)?,
-            _ => {
+            geometry => {
+                let mut records = match &geometry {
+                    Geometry::Splats(cloud) => cloud.records.clone(),
+                    _ => SpzRecords::default(),
+                };
+                records.change(Change::Splats);
+                let dataset = Dataset {
+                    geometry,
+                    ..dataset
+                };
                 let mut sampled = scene(dataset, options)?;
                 if let Some((light, up)) = light {
                     let is_lit = bake_light(&mut sampled.volumes, light, up);
@@ -398,7 +408,10 @@ impl Converted {
                         }
                     }
                 }
-                splat_cloud(&sampled.volumes).map_err(|e| e.in_file(&path))?
+                let (mut cloud, report) =
+                    splat_cloud(&sampled.volumes).map_err(|e| e.in_file(&path))?;
+                cloud.records = records;
+                (cloud, report)
             }
         };
         if !self.cloud.positions.is_empty()

@@ -15,5 +15,6 @@ pub(crate) mod polyhedron;
 pub(crate) mod shape_columns;
 pub(crate) mod smoothing;
 pub(crate) mod splats;
+pub(crate) mod spz_records;
 pub(crate) mod unit;
 pub(crate) mod up;

@@ -1,8 +1,11 @@
 //! Defines splats as radiance fields store them, for all formats. `splat_axes.rs` has the axes of each.
 
+use std::mem::take;
+
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
+use super::spz_records::{Change, SpzRecords};
 use crate::error::{Error, Result};
 use crate::image::{linear_from_srgb, srgb_from_linear};
 use crate::math::{
@@ -41,6 +44,8 @@ pub struct SplatCloud {
     /// Whether the file states that splats are sorted by their distance from the eye; otherwise by their depth along the
     /// camera's axis, as most viewers do.
     pub by_distance: bool,
+    /// Extension records of the SPZ file that the splats were read from.
+    pub records: SpzRecords,
 }
 
 impl SplatCloud {
@@ -96,6 +101,7 @@ impl SplatCloud {
             *self = other;
             return;
         }
+        self.records.join(take(&mut other.records));
         if self.is_linear != other.is_linear {
             let (linear, encoded) = match self.is_linear {
                 true => (&mut *self, &mut other),
@@ -119,7 +125,11 @@ impl SplatCloud {
     }
 
     /// Keeps the splats at `indices`, in that order.
-    pub(crate) fn gathered(self, indices: &[u32]) -> Self {
+    pub(crate) fn gathered(mut self, indices: &[u32]) -> Self {
+        let all = 0..indices.len().max(self.positions.len());
+        if !indices.iter().map(|i| *i as usize).eq(all) {
+            self.records.change(Change::Splats);
+        }
         Self {
             positions: picked(&self.positions, 1, indices),
             scales: picked(&self.scales, 1, indices),
@@ -139,6 +149,7 @@ impl SplatCloud {
         if matrix == DMat3::IDENTITY {
             return;
         }
+        self.records.change(Change::Places);
         let place = |position: &mut DVec3| *position = matrix * *position;
         self.positions.par_iter_mut().for_each(place);
         for quaternion in &mut self.rotations {

@@ -12,6 +12,7 @@ use crate::data::cells::{CellKind, CellMesh};
 use crate::data::dataset::{CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 use crate::data::mesh::Mesh;
 use crate::data::splats::SplatCloud;
+use crate::data::spz_records::Change;
 use crate::data::up::Up;
 use crate::error::{Error, Result};
 use crate::io::leave_out_unused;
@@ -401,7 +402,7 @@ fn of_centres(positions: &[DVec3], area: Area) -> Kept {
 fn of_splats(cloud: SplatCloud, area: Area) -> (SplatCloud, Kept) {
     let kept = of_centres(&cloud.positions, area);
     let coefficients = kept.nodes.strided(cloud.harmonics_stride());
-    let left = SplatCloud {
+    let mut left = SplatCloud {
         positions: kept.nodes.pick(&cloud.positions),
         scales: kept.nodes.pick(&cloud.scales),
         rotations: kept.nodes.pick(&cloud.rotations),
@@ -409,6 +410,9 @@ fn of_splats(cloud: SplatCloud, area: Area) -> (SplatCloud, Kept) {
         harmonics: coefficients.pick(&cloud.harmonics),
         ..cloud
     };
+    if left.positions.len() < kept.node_count {
+        left.records.change(Change::Splats);
+    }
     (left, kept)
 }
 

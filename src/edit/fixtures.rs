@@ -136,8 +136,8 @@ pub(super) fn splats() -> Dataset {
         harmonics_degree: 2,
         harmonics: (0..27 * count).map(|i| (i % 7) as f32 / 7.0).collect(),
         rule: SplatRule::Inria,
-        by_distance: false,
         is_linear: false,
+        ..SplatCloud::default()
     };
     dataset(Geometry::Splats(cloud), count, 0)
 }

@@ -9,6 +9,7 @@ use crate::data::association::Association;
 use crate::data::dataset::{CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 use crate::data::mesh::Mesh;
 use crate::data::splats::SplatCloud;
+use crate::data::spz_records::Change;
 use crate::error::{Error, Result};
 use crate::math::{narrowed, rotation_matrix, scales_and_rotation};
 use crate::scene::{Lattice, LatticeSpacing, Values};
@@ -116,6 +117,9 @@ pub fn place(mut dataset: Dataset, placement: &Placement) -> Result<Dataset> {
             columns::place(&mut dataset, placement.size, rotation)?;
         }
         Geometry::Splats(cloud) => {
+            if *placement != Placement::default() {
+                cloud.records.change(Change::Places);
+            }
             resize_splats(cloud, placement);
             cloud.turn(placement.rotation.normalize());
             for position in &mut cloud.positions {

@@ -63,5 +63,6 @@ pub use crate::data::mesh::{
 pub use crate::data::particle_type::{ParticleCount, ParticleType};
 pub use crate::data::smoothing::{LengthMeaning, Smoothing, SphKernel};
 pub use crate::data::splats::SplatCloud;
+pub use crate::data::spz_records::{SpzRecord, SpzRecords};
 #[cfg(feature = "legend")]
 pub use crate::data::up::Up;

@@ -221,8 +221,8 @@ fn write_splats_file(folder: &Path) {
             .map(|i| ((13 * i) % 29) as f32 / 40.0 - 0.35)
             .collect(),
         rule: SplatRule::Exact,
-        by_distance: false,
         is_linear: false,
+        ..SplatCloud::default()
     };
     write_splats(
         &folder.join("splats.ply"),

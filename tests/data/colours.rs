@@ -263,3 +263,30 @@ fn colours_of_vtk_cells_are_those_of_their_triangles() {
         assert_eq!(t.get(i), expected);
     }
 }
+
+#[test]
+fn colours_of_binary_faces_are_those_of_their_triangles() {
+    let vertices: [[f32; 3]; 4] = [[0.0; 3], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
+    for (kind, is_float) in [("uchar", false), ("float", true)] {
+        let mut file = format!(
+            "ply\nformat binary_big_endian 1.0\nelement vertex 4\nproperty float x\nproperty float y\n\
+             property float z\nelement face 2\nproperty list uchar int vertex_indices\n\
+             property {kind} red\nproperty {kind} green\nproperty {kind} blue\nend_header\n"
+        )
+        .into_bytes();
+        file.extend(vertices.as_flattened().iter().flat_map(|x| x.to_be_bytes()));
+        for (corners, colour) in [([0_i32, 1, 2], [1_u8, 0, 0]), ([0, 2, 3], [0, 0, 1])] {
+            file.push(3);
+            file.extend(corners.iter().flat_map(|i| i.to_be_bytes()));
+            match is_float {
+                true => file.extend(colour.iter().flat_map(|c| f32::from(*c).to_be_bytes())),
+                false => file.extend(colour.map(|c| 255 * c)),
+            }
+        }
+        let data = open("a.ply", &file);
+        let part = &mesh(&data).parts[0];
+        let of = |triangle: usize| part.triangles[triangle].map(|i| part.colours[i as usize]);
+        assert_eq!(of(0), [[1.0, 0.0, 0.0, 1.0]; 3], "{kind}");
+        assert_eq!(of(1), [[0.0, 0.0, 1.0, 1.0]; 3], "{kind}");
+    }
+}

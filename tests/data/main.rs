@@ -55,6 +55,7 @@ mod sog_write;
 mod splat_axes;
 mod splat_tables;
 mod splats;
+mod spz_records;
 mod stacks;
 mod stl;
 #[cfg(feature = "prepared")]

@@ -273,8 +273,8 @@ fn splats() -> SplatCloud {
         harmonics_degree: 1,
         harmonics: vec![0.1; 24],
         rule: SplatRule::Exact,
-        by_distance: false,
         is_linear: false,
+        ..SplatCloud::default()
     }
 }
 

@@ -28,8 +28,6 @@ fn some_cloud(count: usize, degree: u8) -> SplatCloud {
     let mut cloud = SplatCloud {
         harmonics_degree: degree,
         rule: SplatRule::Mip,
-        by_distance: false,
-        is_linear: false,
         ..SplatCloud::default()
     };
     for i in 0..count {

@@ -130,7 +130,7 @@ fn what_is_written_is_read_bit_for_bit() {
                 if is_flat {
                     before.scales.iter_mut().for_each(|s| s[2] = 0.0);
                 }
-                for name in ["a.usda", "a.usdz"] {
+                for name in ["a.usda", "a.usdc", "a.usdz"] {
                     let path = folder.path().join(name);
                     let options = SplatFileOptions::default();
                     let written = write_splats(&path, &before, &options).unwrap();

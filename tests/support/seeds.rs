@@ -15,7 +15,7 @@ use super::openfoam;
 use super::sog;
 use super::splats::{
     Element, Ply, glb_packed, glb_splats, ksplat, packed_ply, some_splats, splat_ply,
-    splat_records, spz, spz_streams, stored,
+    splat_records, spz, spz_streams, spz_unpacked, stored,
 };
 use super::tecplot;
 use super::threemf;
@@ -162,6 +162,10 @@ pub(crate) fn seeds() -> &'static [(String, Vec<u8>)] {
                     "b.spz".into(),
                     spz_streams(0, &some_splats(9, degree), pack),
                 ));
+                // A record behind the arrays: its type, its length, four bytes.
+                let record = [7_u32, 4, 1].map(u32::to_le_bytes).concat();
+                let arrays = spz_unpacked(3, 2, &splats);
+                seeds.push(("c.spz".into(), [arrays, record].concat()));
                 seeds.push(("b.ply".into(), encoding.file("", &elements)));
                 seeds.push(("c.ply".into(), mesh_ply(encoding)));
                 if degree < 2 {

@@ -350,7 +350,7 @@ def convert(
     lit: bool | None = None,
     lights: Sequence[Sequence[float]] | None = None,
 ) -> dict[str, Any]:
-    """Write splats for viewers of radiance fields: ply, compressed.ply, splat, ksplat, spz, sog, glb, gltf, usda, usdz, csv or vtu.
+    """Write splats for viewers of radiance fields: ply, compressed.ply, splat, ksplat, spz, sog, glb, gltf, usda, usdc, usdz, csv or vtu.
 
     ``meta.json`` is a SOG with its images beside it.
 

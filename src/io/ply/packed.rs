@@ -200,8 +200,8 @@ pub(in crate::io) fn read(path: &Path, bytes: &[u8], header: &Header) -> Result<
         harmonics_degree: degree,
         harmonics: coefficients,
         rule: SplatRule::Inria,
-        by_distance: false,
         is_linear: false,
+        ..SplatCloud::default()
     };
     let mut data = cloud.dataset(path, FORMAT, Vec::new())?;
     data.notes = notes;

@@ -113,9 +113,8 @@ pub(in crate::io) fn splats(
         harmonics,
         // Only Mip-Splatting writes a filter.
         rule: SplatRule::of_mark(marks.next_back().unwrap_or(filter.is_some())),
-        by_distance: false,
-        is_linear: false,
         positions,
+        ..SplatCloud::default()
     };
     if let Some(member) = filter {
         cloud.widen(&table.floats(member)?);

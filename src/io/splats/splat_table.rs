@@ -135,9 +135,9 @@ pub(in crate::io) fn settle(data: &mut Dataset, meaning: Option<ScaleMeaning>) -
         opacities: (0..count).map(|i| share(columns.get(opacity, i))).collect(),
         harmonics_degree: degree,
         harmonics,
-        is_linear: false,
         rule: SplatRule::of_mark(filter.is_some()),
         by_distance: false,
+        ..SplatCloud::default()
     };
     if let Some(place) = filter {
         let of: Vec<f32> = (0..count).map(|i| columns.get(place, i)).collect();

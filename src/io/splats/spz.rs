@@ -23,8 +23,8 @@
 //! length; the streams follow it. Versions 1 to 3 are read without gzip, too.
 //!
 //! Files have x right, y up, z back by convention, or the axes in an extension record
-//! `SPZ_ADOBE_coordinate_system`. Such records come before the table in version 4 and after the arrays in
-//! others. Splats are rotated by half a turn about x, to the axes of PLY files: y and z of positions change
+//! `SPZ_ADOBE_coordinate_system`. Records come before the table in version 4 and after the arrays in others, each a type and a length
+//! (u32) and that many bytes. Others are kept for files that are written as SPZ again. Splats are rotated by half a turn about x, to the axes of PLY files: y and z of positions change
 //! their sign, y and z of quaternions, and the harmonics that are odd under this rotation. `spz_write.rs`
 //! writes versions 3 and 4; `splat_axes.rs` has the axes of all formats.
 
@@ -38,6 +38,7 @@ use ruzstd::decoding::StreamingDecoder;
 
 use crate::data::dataset::Dataset;
 use crate::data::splats::SplatCloud;
+use crate::data::spz_records::{Change, SpzRecord, SpzRecords};
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;
 use crate::io::bytes::half::half;
@@ -56,10 +57,14 @@ pub(in crate::io) const STREAM_ROW: usize = 16;
 /// zstd runs of equal bytes can; splats have none.)
 const GREATEST_RATIO: u64 = 1032;
 
-/// Type of the extension record with the axes; its length and a number for [`Axes::of`] follow.
+/// Type of the extension record with the axes: a number for [`Axes::of`].
 const AXES_RECORD: u32 = 0xADBE_0003;
-/// Greatest length of extension records that are read, in bytes.
-const MOST_RECORD_BYTES: u64 = 1 << 16;
+/// Flag of files with extension records.
+pub(in crate::io) const HAS_RECORDS: u8 = 2;
+/// Greatest length of extension records in any file, in bytes. They may also be as long as the splats.
+const MOST_RECORD_BYTES: u64 = 1 << 20;
+/// Greatest number of extension records that are kept.
+const MOST_RECORDS: usize = 1 << 10;
 
 /// The axes of the result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -131,22 +136,39 @@ impl Axes {
     }
 }
 
-/// The axes in extension records, and whether there are other records.
-fn stated_axes(mut records: &[u8]) -> (Option<u32>, bool) {
-    let (mut stated, mut others) = (None, false);
-    while let Some((head, rest)) = records.split_first_chunk::<8>() {
-        let number = |at: usize| u32::from_le_bytes(array::from_fn(|i| head[at + i]));
-        let payload = usize::try_from(number(4)).ok();
-        let Some((payload, rest)) = payload.and_then(|len| rest.split_at_checked(len)) else {
-            return (stated, true);
-        };
-        match (number(0), payload.first_chunk::<4>()) {
-            (AXES_RECORD, Some(of)) => stated = Some(u32::from_le_bytes(*of)),
-            _ => others = true,
+/// The extension records of a file.
+#[derive(Debug, Default)]
+struct Extensions {
+    /// Number of the axes.
+    axes: Option<u32>,
+    /// The other records.
+    others: Vec<SpzRecord>,
+    /// Whether bytes are left that are no records.
+    has_rest: bool,
+}
+
+impl Extensions {
+    fn parse(mut bytes: &[u8]) -> Self {
+        let mut extensions = Self::default();
+        while let Some((head, rest)) = bytes.split_first_chunk::<8>() {
+            let number = |at: usize| u32::from_le_bytes(array::from_fn(|i| head[at + i]));
+            let payload = usize::try_from(number(4)).ok();
+            let Some((payload, rest)) = payload.and_then(|len| rest.split_at_checked(len)) else {
+                break;
+            };
+            match (number(0), payload.first_chunk::<4>()) {
+                (AXES_RECORD, Some(of)) => extensions.axes = Some(u32::from_le_bytes(*of)),
+                _ if extensions.others.len() == MOST_RECORDS => break,
+                (kind, _) => extensions.others.push(SpzRecord {
+                    kind,
+                    payload: payload.to_vec(),
+                }),
+            }
+            bytes = rest;
         }
-        records = rest;
+        extensions.has_rest = !bytes.is_empty();
+        extensions
     }
-    (stated, others || !records.is_empty())
 }
 
 /// Signs of the harmonics under half a turn about x: (x, y, z) to (x, -y, -z).
@@ -246,7 +268,7 @@ fn decode(
     }
     let mut records = Vec::new();
     (&mut unpacked)
-        .take(MOST_RECORD_BYTES)
+        .take(MOST_RECORD_BYTES.max(size))
         .read_to_end(&mut records)
         .map_err(damaged)?;
     Ok(header.splats(&body, &records, wanted))
@@ -392,9 +414,10 @@ impl Header {
     fn splats(&self, body: &[u8], records: &[u8], wanted: Wanted) -> (SplatCloud, Vec<String>) {
         let degree = self.layout.degree;
         let mut notes = Vec::new();
-        let has_records = self.flags & 2 != 0;
-        let (stated, others) = stated_axes(if has_records { records } else { &[] });
-        if others || !has_records && !records.is_empty() || has_records && records.is_empty() {
+        let has_records = self.flags & HAS_RECORDS != 0;
+        let parsed = Extensions::parse(if has_records { records } else { &[] });
+        let stated = parsed.axes;
+        if parsed.has_rest || has_records == records.is_empty() {
             notes.push("what follows the splats (extensions) is not read".into());
         }
         match stated {
@@ -416,6 +439,16 @@ impl Header {
         let mut cloud = self.layout.splats(body, scale, self.flags & 1 != 0, &signs);
         if let Some(turn) = turn {
             cloud.turn(turn);
+        }
+        let mut records = SpzRecords::new(parsed.others);
+        // Streams in other files keep none, as their splats may be transformed there and joined.
+        let is_kept = wanted == Wanted::Training;
+        notes.extend(records.note(is_kept));
+        if is_kept {
+            if Axes::of(stated.unwrap_or_default(), wanted) != Axes::of(0, wanted) {
+                records.change(Change::Axes);
+            }
+            cloud.records = records;
         }
         (cloud, notes)
     }
@@ -533,9 +566,9 @@ impl Layout {
             opacities: opacities.iter().map(|&a| f32::from(a) / 255.0).collect(),
             harmonics_degree: degree,
             harmonics,
-            is_linear: false,
             rule: SplatRule::of_mark(is_anti_aliased),
             by_distance: false,
+            ..SplatCloud::default()
         }
     }
 }

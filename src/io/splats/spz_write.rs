@@ -10,8 +10,9 @@ use ruzstd::encoding::{CompressionLevel, compress_to_vec};
 use super::encoded_splats::{
     Encoded, SpzVersion, byte, median_size, note_cut, note_faint, opacity_byte,
 };
-use super::spz::{MAGIC, STREAM_ROW, STREAMED_HEADER, TURNED};
+use super::spz::{HAS_RECORDS, MAGIC, STREAM_ROW, STREAMED_HEADER, TURNED};
 use crate::data::splats::SplatCloud;
+use crate::data::spz_records::SpzRecord;
 use crate::error::{Error, Result};
 use crate::math::Core;
 
@@ -20,6 +21,9 @@ const MOST_STEPS: f64 = ((1 << 23) - 1) as f64;
 
 /// Greatest number of fractional bits that readers accept.
 const MOST_FRACTION_BITS: u8 = 24;
+
+/// Greatest length of extension records in bytes.
+const MOST_RECORD_BYTES: usize = 1 << 31;
 
 /// Step of positions that is invisible, as a share of the median size of splats.
 const LEAST_STEP: f64 = 0.02;
@@ -128,16 +132,18 @@ pub(in crate::io) fn encode(
     };
     header.extend(number.to_le_bytes());
     header.extend(count_u32.to_le_bytes());
-    let flags = u8::from(cloud.rule.is_anti_aliased());
+    let records = records(path, cloud.records.kept())?;
+    let has_records = !records.is_empty();
+    let flags = u8::from(cloud.rule.is_anti_aliased()) | u8::from(has_records) * HAS_RECORDS;
     header.extend([cloud.harmonics_degree, fraction_bits, flags]);
     let arrays = [positions, opacities, constants, sizes, rotations, rest];
     let bytes = match version {
         SpzVersion::Three => {
             header.push(0);
-            let bytes = in_one_stream(&header, &arrays);
+            let bytes = in_one_stream(&header, &arrays, &records);
             bytes.map_err(|e| Error::io(path, "packing", e, "free some memory"))?
         }
-        SpzVersion::Four => in_streams(header, &arrays),
+        SpzVersion::Four => in_streams(header, &arrays, &records),
     };
 
     let mut notes = Vec::new();
@@ -178,26 +184,60 @@ pub(in crate::io) fn encode(
     })
 }
 
-/// Writes version 3: header and arrays in one gzip stream.
-fn in_one_stream(header: &[u8], arrays: &[Vec<u8>]) -> io::Result<Vec<u8>> {
+/// Returns extension records as files store them.
+///
+/// # Errors
+/// More bytes than the place of version 4's table can state.
+fn records(path: &Path, records: &[SpzRecord]) -> Result<Vec<u8>> {
+    let total: usize = records.iter().map(|record| 8 + record.payload.len()).sum();
+    if total > MOST_RECORD_BYTES {
+        let (expected, found) = ("fewer than 2^31 bytes", total.to_string());
+        let place = "extension records";
+        return Err(Error::format(
+            path,
+            place,
+            expected,
+            found,
+            "leave some out",
+        ));
+    }
+    let mut bytes = Vec::with_capacity(total);
+    for record in records {
+        bytes.extend(record.kind.to_le_bytes());
+        bytes.extend(length(&record.payload).to_le_bytes());
+        bytes.extend(&record.payload);
+    }
+    Ok(bytes)
+}
+
+/// Length of at most [`MOST_RECORD_BYTES`].
+fn length(bytes: &[u8]) -> u32 {
+    u32::try_from(bytes.len()).unwrap_or(u32::MAX)
+}
+
+/// Writes version 3: header, arrays and extension records in one gzip stream.
+fn in_one_stream(header: &[u8], arrays: &[Vec<u8>], records: &[u8]) -> io::Result<Vec<u8>> {
     let mut packed = GzEncoder::new(Vec::new(), Compression::default());
     packed.write_all(header)?;
     for array in arrays {
         packed.write_all(array)?;
     }
+    packed.write_all(records)?;
     packed.finish()
 }
 
-/// Writes version 4: the header, a table, and a zstd stream for each array; none for harmonics of degree 0.
+/// Writes version 4: the header, extension records, a table, and a zstd stream for each array; none for harmonics of
+/// degree 0.
 ///
 /// - `header`: the first fifteen bytes.
-fn in_streams(mut header: Vec<u8>, arrays: &[Vec<u8>]) -> Vec<u8> {
+fn in_streams(mut header: Vec<u8>, arrays: &[Vec<u8>], records: &[u8]) -> Vec<u8> {
     let arrays: Vec<&Vec<u8>> = arrays.iter().filter(|array| !array.is_empty()).collect();
     // At most six.
     header.push(u8::try_from(arrays.len()).unwrap_or(u8::MAX));
-    // No extensions before the table.
-    header.extend(STREAMED_HEADER.to_le_bytes());
+    let table_at = STREAMED_HEADER + length(records);
+    header.extend(table_at.to_le_bytes());
     header.resize(STREAMED_HEADER as usize, 0);
+    header.extend(records);
     let mut streams = Vec::new();
     header.reserve(STREAM_ROW * arrays.len());
     for array in arrays {

@@ -54,6 +54,7 @@ enum Format {
     Glb,
     Gltf,
     Usda,
+    Usdc,
     Usdz,
     Csv,
     Vtu,
@@ -79,6 +80,7 @@ impl Format {
             "glb" => Some(Self::Glb),
             "gltf" => Some(Self::Gltf),
             "usda" => Some(Self::Usda),
+            "usdc" => Some(Self::Usdc),
             "usdz" => Some(Self::Usdz),
             "csv" => Some(Self::Csv),
             "vtu" => Some(Self::Vtu),
@@ -98,7 +100,9 @@ impl Format {
             | Self::Sog
             | Self::SogFolder
             | Self::Csv => Some(SplatAxes::RightDownForward),
-            Self::Glb | Self::Gltf | Self::Usda | Self::Usdz => Some(SplatAxes::LeftUpForward),
+            Self::Glb | Self::Gltf | Self::Usda | Self::Usdc | Self::Usdz => {
+                Some(SplatAxes::LeftUpForward)
+            }
             Self::Vtu => None,
         }
     }
@@ -107,7 +111,7 @@ impl Format {
 /// Checks whether [`write_splats`] could write to `path`, before splats are made.
 ///
 /// # Errors
-/// An extension other than `ply`, `splat`, `ksplat`, `spz`, `sog`, `glb`, `gltf`, `usda`, `usdz`, `csv` and `vtu`, and a name
+/// An extension other than `ply`, `splat`, `ksplat`, `spz`, `sog`, `glb`, `gltf`, `usda`, `usdc`, `usdz`, `csv` and `vtu`, and a name
 /// other than `meta.json`; a missing folder.
 pub fn check_splats_path(path: &Path) -> Result<()> {
     format_of(path).map(|_| ())
@@ -122,7 +126,7 @@ fn format_of(path: &Path) -> Result<Format> {
     Err(Error::format(
         path,
         "output",
-        "a name that ends in .ply, .splat, .ksplat, .spz, .sog, .glb, .gltf, .usda, .usdz, .csv or .vtu, or meta.json",
+        "a name that ends in .ply, .splat, .ksplat, .spz, .sog, .glb, .gltf, .usda, .usdc, .usdz, .csv or .vtu, or meta.json",
         if extension.is_empty() {
             "no extension".into()
         } else {
@@ -148,7 +152,7 @@ fn format_of(path: &Path) -> Result<Format> {
 /// `.ksplat` (mode 0) has f32 for all but colours and opacities, which are those of `.splat`, and harmonics up to degree 2; it keeps
 /// the order and loses the mark. `meta.json` is a SOG that is no archive: its images are written into the same folder.
 ///
-/// `.gltf` is as `.glb`, with its numbers in text (base64). `.usda` and `.usdz` keep what `.glb` keeps, in text, and flat splats
+/// `.gltf` is as `.glb`, with its numbers in text (base64). `.usda` (in text), `.usdc` and `.usdz` (in binary form) keep what `.glb` keeps, and flat splats
 /// without thickness: if all splats are flat, they are surflets. `.csv` is a table with the columns and the numbers of `.ply`, positions
 /// in f64, and without the mark.
 ///
@@ -160,6 +164,8 @@ fn format_of(path: &Path) -> Result<Format> {
 /// coefficient. Numbers outside a range are clamped and counted in the notes. In all formats but the flat form
 /// of PLY and USD's surflets an axis of length 0 becomes [`FLAT_SHARE`] of the next larger. In PLY an opacity keeps 3.1e-7 from 0
 /// and 1, because a logit is finite.
+///
+/// SPZ's [extension records](SplatCloud::records) are written to `.spz`, as far as they still hold.
 ///
 /// [`SplatFileOptions::up`] is the up direction, from which the splats are rotated to the format's axes
 /// ([`SplatAxes`]). Without it, reading the file returns the same coordinates; for SPZ, writing converts to the
@@ -199,7 +205,7 @@ pub fn write_splats(
     }
     let keeps_light = matches!(
         format,
-        Format::Glb | Format::Gltf | Format::Usda | Format::Usdz
+        Format::Glb | Format::Gltf | Format::Usda | Format::Usdc | Format::Usdz
     );
     let loses_view = cloud.is_linear && !keeps_light && cloud.to_mut().encode();
     let cloud = cloud.as_ref();
@@ -214,6 +220,7 @@ pub fn write_splats(
         Format::Glb => gltf_splats::encode(path, cloud, Container::Binary)?,
         Format::Gltf => gltf_splats::encode(path, cloud, Container::Text)?,
         Format::Usda => usd::encode(path, cloud, usd::Container::Text)?,
+        Format::Usdc => usd::encode(path, cloud, usd::Container::Binary)?,
         Format::Usdz => usd::encode(path, cloud, usd::Container::Archive)?,
         Format::Csv => csv_write::encode(cloud),
         Format::Vtu => vtu_write::encode(cloud),
@@ -222,6 +229,9 @@ pub fn write_splats(
         let note = "colours in linear light that depend on the view are lost: the format has sRGB codes alone";
         encoded.notes.push(note.into());
     }
+    encoded
+        .notes
+        .extend(cloud.records.notes(format == Format::Spz));
     // A tenth of a splat is visible.
     let size = median_size(cloud);
     if encoded.position_quantum > 0.1 * size {

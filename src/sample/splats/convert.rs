@@ -225,6 +225,7 @@ fn of_volume(volume: &PointVolume) -> (SplatCloud, ConversionReport) {
             Strength::PeakOpacity { rule, .. } => rule,
             _ => SplatRule::of_mark(false),
         },
+        ..SplatCloud::default()
     };
     (cloud, report)
 }

@@ -187,11 +187,11 @@ fn bad_usage_is_told_in_one_line() {
     for (arguments, expected) in [
         (
             &["a.ply", "--out", "b.obj"][..],
-            ".ply, .splat, .ksplat, .spz, .sog, .glb, .gltf, .usda, .usdz, .csv or .vtu, or meta.json",
+            ".ply, .splat, .ksplat, .spz, .sog, .glb, .gltf, .usda, .usdc, .usdz, .csv or .vtu, or meta.json",
         ),
         (
             &["a.ply", "--out", "b"],
-            ".ply, .splat, .ksplat, .spz, .sog, .glb, .gltf, .usda, .usdz, .csv or .vtu, or meta.json",
+            ".ply, .splat, .ksplat, .spz, .sog, .glb, .gltf, .usda, .usdc, .usdz, .csv or .vtu, or meta.json",
         ),
         (&["a.ply", "--out", "none/b.ply"], "folder"),
         (&["a.ply", "--out", "a.ply"], "an input"),

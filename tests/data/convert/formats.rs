@@ -133,7 +133,7 @@ fn every_format_keeps_what_it_says() {
                 let (keeps_degree, keeps_mark) = match extension {
                     "splat" => (degree == 0, false),
                     "ksplat" => (degree < 3, false),
-                    "glb" | "gltf" | "usda" | "usdz" | "csv" => (true, false),
+                    "glb" | "gltf" | "usda" | "usdc" | "usdz" | "csv" => (true, false),
                     _ => (true, true),
                 };
                 assert_eq!(

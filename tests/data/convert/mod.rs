@@ -28,8 +28,8 @@ use ewa_splat::view::Camera;
 use ewa_splat::{Image, Settings};
 use glam::{DMat3, DQuat, DVec3};
 
-const FORMATS: [&str; 9] = [
-    "ply", "splat", "ksplat", "spz", "glb", "gltf", "usda", "usdz", "csv",
+const FORMATS: [&str; 10] = [
+    "ply", "splat", "ksplat", "spz", "glb", "gltf", "usda", "usdc", "usdz", "csv",
 ];
 
 struct Folder(tempfile::TempDir);

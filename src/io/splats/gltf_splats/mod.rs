@@ -401,8 +401,8 @@ impl Reader<'_, '_> {
             harmonics_degree: degree,
             harmonics: coefficients,
             rule: SplatRule::Khr,
-            by_distance: false,
             is_linear: false,
+            ..SplatCloud::default()
         })
     }
 }

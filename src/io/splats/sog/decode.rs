@@ -105,8 +105,8 @@ pub(super) fn splats(path: &Path, meta: &Meta, files: &Files<'_>) -> Result<Data
         harmonics_degree: degree,
         harmonics,
         rule: SplatRule::of_mark(meta.is_anti_aliased),
-        by_distance: false,
         is_linear: false,
+        ..SplatCloud::default()
     };
     let mut data = cloud.dataset(path, FORMAT, Vec::new())?;
     data.notes = notes;

@@ -66,12 +66,12 @@ const LEAST_PACKED: usize = 16;
 const LZ4_RATIO: usize = 255;
 
 /// Kinds of specs that are read.
-const ATTRIBUTE: u32 = 1;
-const PRIM: u32 = 6;
-const ROOT: u32 = 7;
+pub(super) const ATTRIBUTE: u32 = 1;
+pub(super) const PRIM: u32 = 6;
+pub(super) const ROOT: u32 = 7;
 
 /// Mark of what is not there: a parent, a spec, the end of a set of fields.
-const NONE: u32 = u32::MAX;
+pub(super) const NONE: u32 = u32::MAX;
 
 /// Parses a layer.
 ///
@@ -394,12 +394,20 @@ impl Rep {
     }
 }
 
-// Types of values.
-const STRING: u64 = 10;
-const TOKEN: u64 = 11;
-const TOKEN_LIST: u64 = 32;
-const TOKEN_VECTOR: u64 = 41;
+// Types of values. Further numbers are those of [`shape`].
+pub(super) const INT: u64 = 3;
+pub(super) const DOUBLE: u64 = 9;
+pub(super) const STRING: u64 = 10;
+pub(super) const TOKEN: u64 = 11;
+pub(super) const VECTOR_3D: u64 = 23;
+pub(super) const TOKEN_LIST: u64 = 32;
+pub(super) const TOKEN_VECTOR: u64 = 41;
+pub(super) const SPECIFIER: u64 = 42;
+pub(super) const VARIABILITY: u64 = 44;
 const SAMPLES: u64 = 46;
+
+/// Types of numbers, vectors and quaternions in f32.
+pub(super) const FLOAT_ARRAYS: [u64; 3] = [8, 24, 17];
 
 /// Types of single numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -363,6 +363,7 @@ impl Reader<'_> {
             is_linear,
             rule: SplatRule::Inria,
             by_distance: order != BY_DEPTH,
+            ..SplatCloud::default()
         })
     }
 

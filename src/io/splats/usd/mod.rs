@@ -23,7 +23,9 @@
 //! Source: the schemas of OpenUSD 26.11 (`usdVol`), its specification of USDZ, and files of `usd-core` 26.11.
 
 mod binary;
+mod binary_write;
 mod field;
+mod layer;
 mod stage;
 mod text;
 mod write;
