@@ -13,6 +13,7 @@ mod examples;
 mod support;
 
 mod amr;
+mod atoms;
 mod automatic;
 mod bad_input;
 mod boundaries;
