@@ -8,6 +8,7 @@ pub(crate) mod colour_columns;
 pub(crate) mod dataset;
 pub(crate) mod element;
 pub(crate) mod first_order;
+pub(crate) mod gas;
 pub(crate) mod handedness;
 pub(crate) mod mesh;
 pub(crate) mod particle_type;

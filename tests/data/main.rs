@@ -29,6 +29,7 @@ mod faces;
 mod fixtures;
 mod from_bytes;
 mod gadget;
+mod gas;
 mod gltf_variations;
 mod hdf5;
 mod image_series;

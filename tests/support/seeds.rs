@@ -440,6 +440,12 @@ fn clouds_and_stacks() -> Vec<(String, Vec<u8>)> {
             seeds.push((name.to_owned(), bytes.clone()));
         }
     }
+    for name in ["arepo.hdf5", "swift.hdf5"] {
+        let bytes = std::fs::read(folder.join("gas").join(name)).unwrap();
+        for _ in 0..2 {
+            seeds.push((name.to_owned(), bytes.clone()));
+        }
+    }
     let text = b"2\n1.5 2 3 -312 128 90 77\n4 5 6 9 1 2 3\n";
     seeds.push(("a.pts".into(), text.to_vec()));
     seeds
