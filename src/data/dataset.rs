@@ -311,7 +311,9 @@ impl Dataset {
             &self.path,
             format!("field `{selector}`"),
             format!("one of {}", self.whole_selectors().join(", ")),
-            self.not_derived(selector)
+            self.gas
+                .as_ref()
+                .and_then(|gas| gas.not_derived(selector))
                 .unwrap_or_else(|| "no field of that name".to_owned()),
             Hint::NameField,
         ))

@@ -16,5 +16,6 @@ pub(crate) mod polyhedron;
 pub(crate) mod shape_columns;
 pub(crate) mod smoothing;
 pub(crate) mod splats;
+mod temperature;
 pub(crate) mod unit;
 pub(crate) mod up;

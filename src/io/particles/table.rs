@@ -205,10 +205,10 @@ fn vector_name<'n>(
     (is_vector && !is_longer && !name.is_empty()).then_some(name)
 }
 
-/// Adds the column `radius`, half of `diameter`, to columns without it; returns a note.
-pub(crate) fn halved_diameters(fields: &mut Vec<Field>) -> Option<String> {
-    let is_named = |field: &&mut Field, name: &str| field.name.eq_ignore_ascii_case(name);
-    if fields.iter_mut().any(|field| is_named(&field, "radius")) {
+/// Replaces the column `diameter` by `radius`, half of it, unless there is one; returns a note.
+pub(crate) fn halved_diameters(fields: &mut [Field]) -> Option<String> {
+    let is_named = |field: &Field, name: &str| field.name.eq_ignore_ascii_case(name);
+    if fields.iter().any(|field| is_named(field, "radius")) {
         return None;
     }
     let field = fields
