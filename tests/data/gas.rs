@@ -15,7 +15,7 @@ use crate::support::numbers;
 const TEMPERATURES: [f64; 6] = [
     1_399_633.625,
     22_145_420.0,
-    8_799.285,
+    8_799.285_156,
     20_219_020.0,
     18_650_958.0,
     908.002_868,
@@ -25,10 +25,10 @@ const TEMPERATURES: [f64; 6] = [
 const PRIMORDIAL: [f64; 6] = [
     1_392_020.039,
     22_044_089.871,
-    8_752.847,
+    8_752.847_851,
     20_113_598.516,
     18_558_957.278,
-    903.378_970,
+    903.378_971,
 ];
 
 /// Temperatures of neutral gas below 10^4 K, and of ionised gas above. The third would be above as neutral and below as ionised gas:
@@ -39,7 +39,7 @@ const OF_TRANSITION: [f64; 6] = [
     10_000.0,
     14_309_193.184,
     10_948_415.892,
-    1_224.577,
+    1_224.577_155,
 ];
 
 fn path(name: &str) -> PathBuf {
