@@ -7,6 +7,7 @@ use glam::DVec3;
 use super::unit::divided;
 use crate::data::association::Association;
 use crate::data::cells::CellMesh;
+use crate::data::gas::GasState;
 use crate::data::mesh::Mesh;
 use crate::data::particle_type::ParticleCount;
 use crate::data::smoothing::Smoothing;
@@ -28,6 +29,8 @@ pub struct Dataset {
     /// Names of the fields with the lengths, masses and densities of smoothed particles, if the format defines them. In
     /// tables, the names of columns identify them instead.
     pub smoothing: Option<Smoothing>,
+    /// Facts from which temperatures of gas are derived, for snapshots with internal energies.
+    pub gas: Option<GasState>,
     /// Types of particles that the file distinguishes, including those that were not read; empty for other formats.
     pub particle_types: Vec<ParticleCount>,
     /// Factor from mass over density to volume of a particle. It is 1, unless [`edit::place`](crate::edit::place)
@@ -213,6 +216,7 @@ impl Dataset {
             geometry,
             fields,
             smoothing: None,
+            gas: None,
             particle_types: Vec::new(),
             volume_scale: 1.0,
             format_up: None,
@@ -307,7 +311,10 @@ impl Dataset {
             &self.path,
             format!("field `{selector}`"),
             format!("one of {}", self.whole_selectors().join(", ")),
-            "no field of that name",
+            self.gas
+                .as_ref()
+                .and_then(|gas| gas.not_derived(selector))
+                .unwrap_or_else(|| "no field of that name".to_owned()),
             Hint::NameField,
         ))
     }

@@ -19,6 +19,7 @@ use super::grid::netcdf;
 use super::grid::{ensight, openfoam, plot3d, plotfile, tecplot};
 use super::mesh::{gltf, obj, stl, threemf};
 use super::options::OpenOptions;
+use super::particles::atoms::{gro, lammps, xyz as atoms};
 use super::particles::{arrow, csv, gadget, hdf5, npy, npz, phantom, tipsy};
 use super::parts::plane_source;
 use super::splats::{gltf_splats, ksplat, sog, splat, spz, usd};
@@ -571,6 +572,38 @@ static FORMATS: &[Format] = &[
         ..PLAIN
     },
     Format {
+        name: "LAMMPS dumps",
+        family: Family::Particles,
+        endings: &["lammpstrj", "dump"],
+        reads: "text of the styles atom and custom, whatever its name: positions of any kind, orthogonal, sheared and general boxes, all \
+                columns; steps of time. Binary dumps are refused by name. See [atoms](#atoms)",
+        begins: |p| lammps::looks_like(p.head),
+        read: |input, options| lammps::read(input, options.time_step),
+        steps: Some(lammps::steps),
+        ..PLAIN
+    },
+    Format {
+        name: "XYZ of atoms",
+        family: Family::Particles,
+        endings: &["extxyz"],
+        reads: "extended XYZ (`Properties`, `Lattice`, `pbc`, `Origin`) and plain XYZ of molecules, also as `.xyz`; several \
+                frames as steps of time. See [atoms](#atoms)",
+        begins: |p| p.is_text() && atoms::looks_like(p.head),
+        read: |input, options| atoms::read(input, options.time_step),
+        steps: Some(atoms::steps),
+        ..PLAIN
+    },
+    Format {
+        name: "GROMACS structures",
+        family: Family::Particles,
+        endings: &["gro"],
+        reads: "columns of any precision, with velocities or without; several frames as steps of time. See [atoms](#atoms)",
+        begins: |p| p.is_text() && gro::looks_like(p.head),
+        read: |input, options| gro::read(input, options.time_step),
+        steps: Some(gro::steps),
+        ..PLAIN
+    },
+    Format {
         name: "series of images",
         family: Family::Volumes,
         endings: &[],
@@ -594,7 +627,7 @@ static FORMATS: &[Format] = &[
         name: "packed files",
         family: Family::Collections,
         endings: packed::ENDINGS,
-        reads: "files of the other formats that gzip has packed, unpacked in memory: VTK, Tecplot, tables and whatever \
+        reads: "files of the other formats that gzip has packed, unpacked in memory: VTK, Tecplot, tables, atoms and whatever \
                 begins as what it is",
         begins: |p| packed::is_under_plain_name(p, recognise),
         resembles: |p| packed::looks_like(p, recognise),

@@ -57,6 +57,7 @@ pub(crate) use self::vtk::vtu_pieces::VtuPieces;
 pub use crate::data::association::Association;
 pub use crate::data::cells::{CellKind, CellMesh};
 pub use crate::data::dataset::{CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
+pub use crate::data::gas::{GasState, HydrogenShare, MeanWeight};
 pub use crate::data::mesh::{
     AlphaMode, Material, Mesh, MeshPart, Texture, TextureImage, TextureUse, Wrap,
 };

@@ -55,8 +55,7 @@ const GRID: &str =
     "save it as VTK XML (.vtu, .vts) with ParaView, or `meshio convert FILE out.vtu`";
 const OF_HDF5: &str =
     "save it as VTK XML (.vtu, .vti) or VTKHDF with ParaView, particles as CSV or NPY";
-const ATOMS: &str =
-    "save the atoms as a table with columns x,y,z (CSV, NPY): OVITO, ASE and MDAnalysis read it";
+const ATOMS: &str = "save the atoms as extended XYZ, or as a table with columns x,y,z (CSV, NPY): OVITO, ASE and MDAnalysis read it";
 const PARTICLES: &str = "save the particles as a table with columns x,y,z (CSV, NPY) or as PLY";
 const IMAGE: &str = "an image holds no volume: give a data file";
 const SPLATS: &str = "save them as SPZ or PLY with the program that wrote them";
@@ -353,10 +352,9 @@ static REFUSED: &[Refused] = &[
     },
     // Particles.
     Refused {
-        name: "a LAMMPS dump",
-        endings: &["lammpstrj", "dump"],
-        is_text: |text| text.starts_with("ITEM: "),
-        advice: ATOMS,
+        name: "a binary LAMMPS dump",
+        magic: &[(8, b"DUMPATOM"), (8, b"DUMPCUSTOM")],
+        advice: "turn it into text with LAMMPS's binary2txt, or let LAMMPS write text (a name without .bin)",
         ..PLAIN
     },
     Refused {
@@ -368,9 +366,8 @@ static REFUSED: &[Refused] = &[
     },
     Refused {
         name: "a GROMACS file",
-        endings: &["gro", "xtc", "trr", "tng", "tpr"],
+        endings: &["xtc", "trr", "tng", "tpr"],
         magic: &[(12, b"GMX_trn_file")],
-        is_text: is_gro,
         is_binary: |head, _| {
             let word = |at: usize| head.get(at..at + 4);
             word(0) == Some(&1995_u32.to_be_bytes()) && word(4).is_some() && word(4) == word(52)
@@ -401,12 +398,8 @@ static REFUSED: &[Refused] = &[
     },
     Refused {
         name: "a file of atoms",
-        endings: &[
-            "cif", "mmcif", "mol", "mol2", "sdf", "extxyz", "poscar", "contcar",
-        ],
-        is_text: |text| {
-            is_atoms(text) || text.starts_with("@<TRIPOS>") || text.contains("\n_atom_site")
-        },
+        endings: &["cif", "mmcif", "mol", "mol2", "sdf", "poscar", "contcar"],
+        is_text: |text| text.starts_with("@<TRIPOS>") || text.contains("\n_atom_site"),
         advice: ATOMS,
         ..PLAIN
     },
@@ -903,26 +896,6 @@ fn is_lammps(text: &str) -> bool {
     has_line(text, is_count) && has_line(text, is_other)
 }
 
-/// A title, a count of atoms, then atoms in columns: `    1SOL     OW    1   0.126   1.624   1.679`.
-fn is_gro(text: &str) -> bool {
-    let mut lines = text.lines().skip(1);
-    let has_count = lines
-        .next()
-        .is_some_and(|line| line.trim().parse::<u64>().is_ok());
-    let is_atom = |line: &str| {
-        let [residue, number] = [line.get(0..5), line.get(15..20)];
-        let is_number =
-            |text: Option<&str>| text.is_some_and(|text| text.trim().parse::<u64>().is_ok());
-        let names = line.get(5..15).unwrap_or_default();
-        let places = line.get(20..44).and_then(numbers).unwrap_or_default();
-        is_number(residue)
-            && is_number(number)
-            && names.contains(|c: char| c.is_ascii_alphabetic())
-            && places.len() == 3
-    };
-    has_count && lines.next().is_some_and(is_atom)
-}
-
 /// Records of the Protein Data Bank.
 fn is_protein(text: &str) -> bool {
     const RECORDS: [&str; 8] = [
@@ -940,40 +913,6 @@ fn is_protein(text: &str) -> bool {
     let first = text.lines().next();
     first.is_some_and(|line| is_record(&line))
         && (text.lines().any(is_atom) || first.is_some_and(|l| l.starts_with("HEADER ")))
-}
-
-/// A count, a comment, then an element and its position in each line: `O 0.0 0.0 0.1`.
-fn is_atoms(text: &str) -> bool {
-    let mut lines = text.lines();
-    let count = lines
-        .next()
-        .and_then(|line| line.trim().parse::<u64>().ok());
-    let (Some(1..), Some(comment)) = (count, lines.next()) else {
-        return false;
-    };
-    // Rows of numbers alone are a point cloud or a grid, unless a comment precedes them.
-    let is_comment = numbers(comment).is_none_or(|numbers| numbers.is_empty());
-    let is_element = |word: &str| {
-        let letters = word.chars().take_while(char::is_ascii_alphabetic).count();
-        let number = || {
-            word.parse::<u8>()
-                .is_ok_and(|number| (1..=118).contains(&number))
-        };
-        (1..=3).contains(&letters) || is_comment && number()
-    };
-    let is_atom = |line: &&str| {
-        let mut words = line.split_whitespace();
-        words.next().is_some_and(is_element)
-            && words.clone().count() >= 3
-            && words.take(3).all(|word| word.parse::<f64>().is_ok())
-    };
-    let atoms: Vec<&str> = lines
-        .filter(|line| !line.trim().is_empty())
-        .take(8)
-        .collect();
-    // The last line of the first bytes may be cut.
-    let whole = atoms.len().saturating_sub(1).max(1);
-    !atoms.is_empty() && atoms.iter().take(whole).all(is_atom)
 }
 
 #[cfg(test)]

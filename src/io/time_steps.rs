@@ -112,8 +112,13 @@ pub(super) fn of_file(path: &Path, times: &[f64]) -> Vec<TimeStep> {
             parts: vec![Part::file(path.to_path_buf())],
         }];
     }
-    let step = |(i, &time): (usize, &f64)| TimeStep {
-        time: Some(time),
+    of_frames(path, &times.iter().copied().map(Some).collect::<Vec<_>>())
+}
+
+/// The steps in one file, whose times may be unknown.
+pub(super) fn of_frames(path: &Path, times: &[Option<f64>]) -> Vec<TimeStep> {
+    let step = |(i, &time): (usize, &Option<f64>)| TimeStep {
+        time,
         parts: vec![Part {
             path: path.to_path_buf(),
             time_step: Some(i),
@@ -131,14 +136,29 @@ pub(super) fn chosen(
     times: &[f64],
     time_step: Option<usize>,
 ) -> Result<(usize, Option<String>)> {
+    chosen_of(path, times.len(), times.first().copied(), time_step)
+}
+
+/// The index of the chosen step, and a note if none was chosen.
+///
+/// - `first`: time of the first step, if it is known.
+///
+/// # Errors
+/// A step that does not exist.
+pub(super) fn chosen_of(
+    path: &Path,
+    count: usize,
+    first: Option<f64>,
+    time_step: Option<usize>,
+) -> Result<(usize, Option<String>)> {
     let step = time_step.unwrap_or(0);
-    if step > 0 && step >= times.len() {
-        return Err(absent(path, times.len().max(1), step));
+    if step > 0 && step >= count {
+        return Err(absent(path, count.max(1), step));
     }
-    let is_said = time_step.is_some() || times.len() < 2;
+    let is_said = time_step.is_some() || count < 2;
     let note = (!is_said).then(|| {
-        let (count, time) = (times.len(), times[0]);
-        format!("The first of {count} time steps, of time {time}.")
+        let of_time = first.map_or_else(String::new, |time| format!(", of time {time}"));
+        format!("The first of {count} time steps{of_time}.")
     });
     Ok((step, note))
 }

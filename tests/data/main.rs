@@ -13,6 +13,7 @@ mod examples;
 mod support;
 
 mod amr;
+mod atoms;
 mod automatic;
 mod bad_input;
 mod boundaries;
@@ -28,6 +29,7 @@ mod faces;
 mod fixtures;
 mod from_bytes;
 mod gadget;
+mod gas;
 mod gltf_variations;
 mod hdf5;
 mod image_series;

@@ -225,7 +225,7 @@ fn plot3d_mismatches_are_explained() {
     assert!(bare.contains("7 numbers"), "{bare}");
     let molecule = folder.refuse("water.xyz", b"3\nwater\nO 0 0 0\n");
     assert!(
-        molecule.contains("a file of atoms, which is not read"),
+        molecule.contains("expected 3 rows, of which 1 are there"),
         "{molecule}"
     );
 }

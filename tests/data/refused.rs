@@ -66,7 +66,6 @@ fn what_others_write_is_named_by_content_whatever_its_name() {
     let mut xtc = [1995_i32, 3, 0, 0].map(i32::to_be_bytes).concat();
     xtc.resize(52, 0);
     xtc.extend(3_i32.to_be_bytes());
-    let gro = b"water\n    1\n    1SOL     OW    1   0.126   1.624   1.679\n   1.8 1.8 1.8\n";
     let pdb = b"ATOM      1  N   ALA A   1      11.104   6.134  -6.504  1.00  0.00           N\n";
     let cube = b"density\nmade by hand\n 1 0.0 0.0 0.0\n 2 1 0 0\n 2 0 1 0\n 2 0 0 1\n 1 0.0 0.0 0.0 0.0\n 1.0\n";
     let files: &[(&str, &[u8], &str, &str)] = &[
@@ -167,9 +166,9 @@ fn what_others_write_is_named_by_content_whatever_its_name() {
         ("HDF4", b"\x0e\x03\x13\x01\0\0", "an HDF4 file", "h4toh5"),
         (
             "LAMMPS",
-            b"ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n",
-            "a LAMMPS dump",
-            "OVITO",
+            b"\xf6\xff\xff\xff\xff\xff\xff\xffDUMPCUSTOM\x01\0\0\0",
+            "a binary LAMMPS dump",
+            "binary2txt",
         ),
         (
             "LAMMPS data",
@@ -177,7 +176,6 @@ fn what_others_write_is_named_by_content_whatever_its_name() {
             "a LAMMPS data file",
             "OVITO",
         ),
-        ("GROMACS", gro, "a GROMACS file", "MDAnalysis"),
         ("xtc", &xtc, "a GROMACS file", "MDAnalysis"),
         (
             "DCD",
@@ -188,7 +186,7 @@ fn what_others_write_is_named_by_content_whatever_its_name() {
         ("PDB", pdb, "a file of atoms (PDB)", "ASE"),
         (
             "molecule",
-            b"3\nwater\nO 0 0 .1\nH 0 .7 -.5\nH 0 -.7 -.5\n",
+            b"@<TRIPOS>MOLECULE\nwater\n",
             "a file of atoms",
             "ASE",
         ),

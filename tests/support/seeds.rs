@@ -406,7 +406,7 @@ fn collections() -> Vec<Set> {
     sets
 }
 
-/// Returns fixtures of scanners and of image programs, written by other programs.
+/// Returns fixtures of scanners, of image programs and of simulations, written by other programs.
 fn clouds_and_stacks() -> Vec<(String, Vec<u8>)> {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
     let mut seeds = Vec::new();
@@ -425,6 +425,28 @@ fn clouds_and_stacks() -> Vec<(String, Vec<u8>)> {
     ] {
         let bytes = std::fs::read(folder.join(name)).unwrap();
         for _ in 0..4 {
+            seeds.push((name.to_owned(), bytes.clone()));
+        }
+    }
+    for name in [
+        "spheres.lammpstrj",
+        "atom.dump",
+        "sheared.dump",
+        "general.dump",
+        "frames.extxyz",
+        "plain.xyz",
+        "velocities.gro",
+        "dodecahedron.gro",
+    ] {
+        let bytes = std::fs::read(folder.join("atoms").join(name)).unwrap();
+        seeds.push((format!("{name}.gz"), gzip(&bytes)));
+        for _ in 0..4 {
+            seeds.push((name.to_owned(), bytes.clone()));
+        }
+    }
+    for name in ["arepo.hdf5", "swift.hdf5"] {
+        let bytes = std::fs::read(folder.join("gas").join(name)).unwrap();
+        for _ in 0..2 {
             seeds.push((name.to_owned(), bytes.clone()));
         }
     }

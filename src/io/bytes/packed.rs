@@ -24,8 +24,20 @@ const STEP: u64 = 1 << 26;
 
 /// Extensions of compressed files whose readers do not unpack them.
 pub(in crate::io) const ENDINGS: &[&str] = &[
-    "vtk.gz", "vti.gz", "vtr.gz", "vts.gz", "vtu.gz", "vtp.gz", "tec.gz", "dat.gz", "csv.gz",
+    "vtk.gz",
+    "vti.gz",
+    "vtr.gz",
+    "vts.gz",
+    "vtu.gz",
+    "vtp.gz",
+    "tec.gz",
+    "dat.gz",
+    "csv.gz",
     "ply.gz",
+    "lammpstrj.gz",
+    "dump.gz",
+    "extxyz.gz",
+    "gro.gz",
 ];
 
 /// Whether a file is compressed though its name lacks `.gz`.

@@ -36,6 +36,7 @@ use super::table::{self, list};
 use super::types::choose;
 use crate::data::association::Association;
 use crate::data::dataset::{Dataset, Field, FieldSource};
+use crate::data::gas::GasState;
 use crate::data::particle_type::{ParticleCount, ParticleType};
 use crate::data::smoothing::{LengthMeaning, Smoothing, SphKernel};
 use crate::error::{Error, Result};
@@ -294,6 +295,14 @@ pub(in crate::io) fn read(input: Input<'_>, wanted: Option<ParticleType>) -> Res
     };
     notes.push(note.to_owned());
     let mut data = table::dataset(path, "Gadget snapshot", gathered.positions, fields)?;
+    let has_energy = data.fields.iter().any(|f| f.name == "InternalEnergy");
+    // The header states no units, so that temperatures do not follow.
+    data.gas = has_energy.then(|| GasState {
+        energy: "InternalEnergy".to_owned(),
+        erg_per_gram: None,
+        gamma: None,
+        weight: None,
+    });
     data.smoothing = Some(Smoothing {
         length,
         meaning: LengthMeaning::Support,

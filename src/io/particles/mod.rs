@@ -1,6 +1,7 @@
 //! Particles: tables, snapshots of simulations, and what such columns mean.
 
 pub(super) mod arrow;
+pub(super) mod atoms;
 pub(super) mod csv;
 pub(super) mod gadget;
 pub(super) mod hdf5;

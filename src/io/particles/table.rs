@@ -5,6 +5,7 @@
 //! columns (`h`, `sigma`, `mass`, ...). Among lengths, `sigma` and `radius` are one standard deviation; `h` is
 //! the smoothing length of the cubic spline, which ends at 2 h ([`crate::irregular`]).
 
+use std::collections::{HashSet, VecDeque};
 use std::path::Path;
 
 use glam::DVec3;
@@ -18,7 +19,7 @@ use crate::scene::Values;
 pub(crate) const PARAVIEW: [&str; 3] = ["Points:0", "Points:1", "Points:2"];
 
 /// Note on tables without a column z.
-const FLAT: &str = "There is no column `z`: all particles are put at z = 0.";
+pub(crate) const FLAT: &str = "There is no column `z`: all particles are put at z = 0.";
 
 /// The columns of positions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -143,6 +144,83 @@ pub(crate) fn dataset(
     }
     let geometry = Geometry::Points { positions };
     Ok(Dataset::new(path, format, geometry, fields))
+}
+
+/// Converts columns to fields: consecutive ones with X, Y and Z after one name are a vector, and so are those of an
+/// array of three, as LAMMPS names them: `c_a[1]`, `c_a[2]`, `c_a[3]`. They stay scalars if another column has the vector's name.
+///
+/// - `axes`: number of components, 2 or 3.
+pub(crate) fn joined(
+    columns: Vec<(String, Values)>,
+    association: Association,
+    axes: usize,
+) -> Vec<Field> {
+    let names: HashSet<String> = columns.iter().map(|(name, _)| name.clone()).collect();
+    let mut fields = Vec::new();
+    let mut rest = VecDeque::from(columns);
+    while let Some((name, first)) = rest.pop_front() {
+        let following = rest.iter().map(|(name, _)| name.as_str());
+        let stem = vector_name(&name, following, axes);
+        let stem = stem
+            .filter(|stem| !names.contains(*stem))
+            .map(str::to_owned);
+        let (name, source) = match stem {
+            Some(stem) => {
+                let others = rest.drain(..axes - 1).map(|(_, values)| values);
+                let all = std::iter::once(first).chain(others).collect();
+                (stem, FieldSource::Vector(all))
+            }
+            None => (name, FieldSource::Scalar(first)),
+        };
+        fields.push(Field {
+            name,
+            association,
+            source,
+            unit: None,
+        });
+    }
+    fields
+}
+
+/// The name of a vector with components of these names: `DISPL` for `DISPLX`, `DISPLY`, `DISPLZ`, `v` for `v_x`
+/// ...
+fn vector_name<'n>(
+    first: &'n str,
+    mut following: impl Iterator<Item = &'n str>,
+    axes: usize,
+) -> Option<&'n str> {
+    let ends: [&[&str]; 3] = [
+        &["X", "Y", "Z"],
+        &["x", "y", "z"],
+        &["[1]", "[2]", "[3]", "[4]"],
+    ];
+    let ends = ends.into_iter().find(|ends| first.ends_with(ends[0]))?;
+    let stem = first.strip_suffix(ends[0])?;
+    let mut next =
+        |end: &str| following.next().and_then(|name| name.strip_suffix(end)) == Some(stem);
+    let is_vector = ends[1..axes].iter().all(|end| next(end));
+    // An array of more numbers, as the six of a tensor, is no vector.
+    let is_longer = is_vector && ends[3..].iter().any(|end| next(end));
+    let name = stem.trim_end_matches(['_', '-', ' ']);
+    (is_vector && !is_longer && !name.is_empty()).then_some(name)
+}
+
+/// Replaces the column `diameter` by `radius`, half of it, unless there is one; returns a note.
+pub(crate) fn halved_diameters(fields: &mut [Field]) -> Option<String> {
+    let is_named = |field: &Field, name: &str| field.name.eq_ignore_ascii_case(name);
+    if fields.iter().any(|field| is_named(field, "radius")) {
+        return None;
+    }
+    let field = fields
+        .iter_mut()
+        .find(|field| is_named(field, "diameter"))?;
+    let FieldSource::Scalar(values) = &field.source else {
+        return None;
+    };
+    let halves: Vec<f64> = (0..values.len()).map(|i| values.wide(i) / 2.0).collect();
+    let note = format!("The column `radius` is half of `{}`.", field.name);
+    *field = scalar_field("radius", halves.into());
+    Some(note)
 }
 
 /// A scalar column as a field.

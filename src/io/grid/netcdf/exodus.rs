@@ -13,7 +13,6 @@
 //! Positions are those of the start: displacements are fields. Results whose names differ in a last X, Y and Z
 //! become a vector, as in VTK. An element of a block without a result has NaN there.
 
-use std::collections::VecDeque;
 use std::ops::Range;
 
 use glam::DVec3;
@@ -23,10 +22,10 @@ use super::elements::{Element, element};
 use super::{DAMAGED, NetcdfFile, text};
 use crate::data::association::Association;
 use crate::data::cells::{CellKind, CellMesh};
-use crate::data::dataset::{Dataset, Field, FieldSource};
+use crate::data::dataset::Dataset;
 use crate::error::{Error, Result};
 use crate::io::options::ReadAs;
-use crate::io::particles::table::list;
+use crate::io::particles::table::{joined, list};
 use crate::io::time_steps::chosen;
 use crate::io::vtk;
 use crate::scene::Values;
@@ -324,46 +323,4 @@ fn element_results(
         results.push((name, all.into()));
     }
     Ok(results)
-}
-
-/// Results as fields: consecutive ones with X, Y and Z after one name are a vector.
-fn joined(results: Results, association: Association, axes: usize) -> Vec<Field> {
-    let mut fields = Vec::new();
-    let mut rest = VecDeque::from(results);
-    while let Some((name, first)) = rest.pop_front() {
-        let following = rest.iter().take(axes - 1).map(|(name, _)| name.as_str());
-        let stem = vector_name(&name, following, axes).map(str::to_owned);
-        let (name, source) = match stem {
-            Some(stem) => {
-                let others = rest.drain(..axes - 1).map(|(_, values)| values);
-                let all = std::iter::once(first).chain(others).collect();
-                (stem, FieldSource::Vector(all))
-            }
-            None => (name, FieldSource::Scalar(first)),
-        };
-        fields.push(Field {
-            name,
-            association,
-            source,
-            unit: None,
-        });
-    }
-    fields
-}
-
-/// The name of a vector with components of these names: `DISPL` for `DISPLX`, `DISPLY`, `DISPLZ`, `v` for `v_x`
-/// ...
-fn vector_name<'n>(
-    first: &'n str,
-    following: impl Iterator<Item = &'n str>,
-    axes: usize,
-) -> Option<&'n str> {
-    let stem = first.strip_suffix(['X', 'x'])?;
-    let letters = if first.ends_with('X') { "YZ" } else { "yz" };
-    let letters = letters.chars().take(axes - 1);
-    let pairs: Vec<(&str, char)> = following.zip(letters).collect();
-    let is_component = |(name, letter): &(&str, char)| name.strip_suffix(*letter) == Some(stem);
-    let is_vector = pairs.len() == axes - 1 && pairs.iter().all(is_component);
-    let name = stem.trim_end_matches(['_', '-', ' ']);
-    (is_vector && !name.is_empty()).then_some(name)
 }

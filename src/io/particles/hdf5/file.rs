@@ -373,6 +373,13 @@ impl<'a> SnapshotFile<'a> {
         let attributes = group.raw_attributes().ok()?;
         attribute_numbers(attributes.iter().find(|a| a.name() == name)?)
     }
+
+    /// Reads a number from an attribute of a dataset in a group.
+    pub(super) fn attribute_of(&self, group: &Group, name: &str, attribute: &str) -> Option<f64> {
+        let attributes = group.dataset(name).ok()?.raw_attributes().ok()?;
+        let found = attributes.iter().find(|a| a.name() == attribute)?;
+        attribute_numbers(found)?.first().copied()
+    }
 }
 
 impl Array {

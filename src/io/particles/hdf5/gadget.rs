@@ -16,6 +16,7 @@ use hdf5_reader::group::Group;
 use super::super::table;
 use super::super::types::choose;
 use super::file::{SnapshotFile, shortened};
+use super::gas;
 use crate::data::dataset::{Dataset, FieldSource};
 use crate::data::particle_type::{ParticleCount, ParticleType};
 use crate::data::smoothing::{LengthMeaning, Smoothing, SphKernel};
@@ -180,7 +181,9 @@ pub(super) fn read(
         )
     };
 
+    let gas = gas::state(file, group, &fields)?;
     let mut dataset = table::dataset(file.path, "Gadget snapshot", positions, fields)?;
+    dataset.gas = gas;
     dataset.smoothing = Some(Smoothing {
         length,
         meaning,

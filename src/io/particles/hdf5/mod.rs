@@ -7,6 +7,7 @@
 mod cell_table;
 pub(in crate::io) mod file;
 pub(in crate::io) mod gadget;
+mod gas;
 mod layout;
 mod phantom;
 mod pieces;
@@ -89,6 +90,7 @@ pub(crate) fn read(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
     }
     gadget::note_other_files(&file)?;
     if let Some(mut dataset) = gadget::read(&file, wanted)? {
+        dataset.offer_temperature();
         note_reach(&mut dataset, &gadget::box_size(&file)?);
         return Ok(dataset);
     }
@@ -140,7 +142,10 @@ pub(crate) fn read_rows_of(
     let mut file = SnapshotFile::open(input)?;
     file.rows = Some((rows, count));
     match gadget::read(&file, wanted)? {
-        Some(dataset) => Ok(dataset),
+        Some(mut dataset) => {
+            dataset.offer_temperature();
+            Ok(dataset)
+        }
         None => Err(absent(input.path, wanted.unwrap_or(ParticleType::Gas), &[])),
     }
 }

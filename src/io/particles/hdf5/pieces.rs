@@ -296,6 +296,7 @@ impl All<'_> {
         }
         data.path = self.path.to_path_buf();
         data.particle_types = self.counts;
+        data.offer_temperature();
         note_reach(&mut data, &self.box_size);
         Ok(data)
     }
