@@ -4,6 +4,8 @@
 //! A coarser sample is the mean over its cell, and the blur of that mean is undone. Kernels of a coarser lattice have
 //! the width of *its* spacing, so they add up as evenly as those of the samples do. Merged kernels that keep the
 //! moments of their members are too narrow for the distance between them, and their sum ripples by a tenth.
+//!
+//! Normals are averaged with the same weights. They need not be those of the values' gradients.
 
 #![allow(
     clippy::cast_possible_truncation,
@@ -13,12 +15,13 @@
 
 use std::ops::Range;
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::brick::Faces;
 use super::volume::{BlockedParticles, BlockedVolume};
 use crate::error::Result;
+use crate::math::{normal_code, normal_of_code};
 use crate::memory::no_room;
 use crate::scene::{
     Boundary, ColourIn, Lattice, LatticeSpacing, Particles, PointVolume, Shared, Strength, Values,
@@ -31,8 +34,7 @@ const LEAST_ALONG_AXIS: usize = 8;
 
 impl BlockedVolume {
     /// Returns the volume on a lattice of half as many samples along each axis. `None` for other volumes, for lattices
-    /// that are small, that have samples without a value or normals, or whose particles have masses or colours of their
-    /// own.
+    /// that are small, that have samples without a value, or whose particles have masses or colours of their own.
     ///
     /// - `least`: least number of samples of a lattice that has coarser ones.
     ///
@@ -45,7 +47,7 @@ impl BlockedVolume {
         let Some(values) = &self.values else {
             return Ok(None);
         };
-        if !self.has_values_alone() || self.normals.is_some() {
+        if !self.has_values_alone() {
             return Ok(None);
         }
         let colour = match self.colour {
@@ -60,7 +62,8 @@ impl BlockedVolume {
         });
         let dims = axes.each_ref().map(Axis::len);
         let count: usize = dims.iter().product();
-        let bytes = (count * size_of::<f32>()) as u64;
+        let columns = 1 + usize::from(self.normals.is_some());
+        let bytes = (columns * count * size_of::<f32>()) as u64;
         if wide.len() < least || 2 * count > wide.len() || no_room(2 * bytes).is_some() {
             return Ok(None);
         }
@@ -68,12 +71,31 @@ impl BlockedVolume {
         if lattice.validate().is_err() {
             return Ok(None);
         }
-        let Some(means) = means(values, wide.dims, &axes, task)? else {
+        let stage = Stage::new(task, "coarser lattice", columns * axes[2].len());
+        let read = |range: Range<usize>, [line]: &mut [Vec<f32>; 1]| values.append_to(range, line);
+        let values = means(read, |[value]| value, wide.dims, &axes, &stage)?;
+        if !values.par_iter().all(|value| value.is_finite()) {
             return Ok(None);
+        }
+        let normals = match &self.normals {
+            None => None,
+            Some(codes) => {
+                let read = |range: Range<usize>, lines: &mut [Vec<f32>; 3]| {
+                    for code in &codes[range] {
+                        let normal = normal_of_code(*code).to_array();
+                        for (line, component) in lines.iter_mut().zip(normal) {
+                            line.push(component);
+                        }
+                    }
+                };
+                let pack = |mean: [f32; 3]| normal_code(Vec3::from(mean).as_dvec3());
+                Some(means(read, pack, wide.dims, &axes, &stage)?)
+            }
         };
         Ok(Some(PointVolume {
             colour,
-            values: Some(Values::F32(means)),
+            values: Some(Values::F32(values)),
+            normals,
             transfer_function: self.transfer_function.clone(),
             boundary: ghosts.map(|_| Boundary::Lattice),
             ..PointVolume::new(
@@ -107,7 +129,9 @@ impl BlockedVolume {
     /// samples. Empty for other volumes.
     ///
     /// - `finer`: the volume on the finer lattice, or any lattice before it.
-    pub(crate) fn errors_against(&self, finer: &Self) -> Vec<BlockError> {
+    /// - `is_lit`: whether light falls on particles with normals. A normal that is off by an angle then counts as a
+    ///   colour that is off by as many radians of itself.
+    pub(crate) fn errors_against(&self, finer: &Self, is_lit: bool) -> Vec<BlockError> {
         let (BlockedParticles::Lattice(own), BlockedParticles::Lattice(fine)) =
             (&self.particles, &finer.particles)
         else {
@@ -123,6 +147,10 @@ impl BlockedVolume {
         }
         let places = places_of(fine.lattice(), own.lattice());
         let dims = own.dims();
+        let normals = match (&self.normals, &finer.normals) {
+            (Some(own), Some(fine)) if is_lit => Some((own, fine)),
+            _ => None,
+        };
         let of_block = |brick: u32| {
             let cells = own.cells(brick);
             let ranges = [0, 1, 2].map(|a: usize| {
@@ -137,10 +165,17 @@ impl BlockedVolume {
                     for i in x.clone().skip(j / 2 % 2 + k % 4).step_by(4) {
                         let at = [places[0][i], places[1][j], places[2][k]];
                         let coarse = transfer.classify(interpolated(values, dims, at));
-                        let own = transfer.classify(fine_values.get(fine.index([i, j, k])));
+                        let sample = fine.index([i, j, k]);
+                        let own = transfer.classify(fine_values.get(sample));
                         let differ = |c: usize| (own[c] * own[3] - coarse[c] * coarse[3]).abs();
                         let colour = differ(0).max(differ(1)).max(differ(2));
                         error += colour.max((own[3] - coarse[3]).abs());
+                        if let (Some((codes, fine_codes)), true) = (normals, own[3] > 0.0) {
+                            let brightest = own[0].max(own[1]).max(own[2]);
+                            let coarse = normal_of_code(codes[nearest(dims, at)]);
+                            let turned = turn(coarse, normal_of_code(fine_codes[sample]));
+                            error += own[3] * brightest * turned;
+                        }
                         extinction += own[3];
                         count += 1;
                     }
@@ -201,6 +236,17 @@ fn places_of(fine: &Lattice, coarse: &Lattice) -> [Vec<f64>; 3] {
         }),
         _ => Default::default(),
     }
+}
+
+/// Returns the index of the sample nearest to a place.
+fn nearest(dims: [usize; 3], at: [f64; 3]) -> usize {
+    let [i, j, k] = [0, 1, 2].map(|a| (at[a].max(0.0).round() as usize).min(dims[a] - 1));
+    i + dims[0] * (j + dims[1] * k)
+}
+
+/// Returns the distance between two unit normals, whose signs do not matter to light; 1 if just one is zero.
+fn turn(a: Vec3, b: Vec3) -> f32 {
+    a.distance(b).min(a.distance(-b))
 }
 
 /// Returns the trilinear interpolant of a lattice's values; beyond the outermost samples, that at the nearest place.
@@ -376,35 +422,45 @@ fn coarser_lattice(fine: &Lattice, axes: &[Axis; 3]) -> Lattice {
     }
 }
 
-/// Returns the values of a coarser lattice; `None` if a value is not finite.
+/// Returns the means of a lattice's columns for each sample of a coarser lattice.
 ///
+/// - `read`: appends a range of samples to lines, one for each component.
+/// - `pack`: makes a sample of the means of its components.
 /// - `dims`: samples of the finer lattice along each axis, with ghosts.
-fn means(
-    values: &ValuesIn<Shared>,
+///
+/// # Errors
+/// The task is cancelled.
+fn means<const N: usize, T: Clone + Default + Send>(
+    read: impl Fn(Range<usize>, &mut [Vec<f32>; N]) + Sync,
+    pack: impl Fn([f32; N]) -> T + Sync,
     dims: [usize; 3],
     [x, y, z]: &[Axis; 3],
-    task: Option<&Task>,
-) -> Result<Option<Vec<f32>>> {
+    stage: &Stage<'_>,
+) -> Result<Vec<T>> {
     let [columns, rows, _] = dims;
-    let stage = Stage::new(task, "coarser lattice", z.len());
     let plane = x.len() * y.len();
-    let mut all = vec![0.0; plane * z.len()];
+    let mut all = vec![T::default(); plane * z.len()];
     let planes = all.par_chunks_exact_mut(plane.max(1)).zip(&z.means);
-    let is_finite = planes
-        .map_init(
-            || [Vec::new(), Vec::new(), Vec::new()],
-            |[line, summed, halved], (out, mean)| {
-                if !stage.goes_on() {
-                    return true;
+    let lines = || [(); N].map(|()| Vec::<f32>::new());
+    planes.for_each_init(
+        || [lines(), lines(), lines()],
+        |[read_lines, summed, halved], (out, mean)| {
+            if !stage.goes_on() {
+                return;
+            }
+            for line in summed.iter_mut() {
+                line.clear();
+                line.resize(columns * rows, 0.0);
+            }
+            for (k, weight) in (mean.first..).zip(&mean.weights) {
+                let first = columns * rows * k;
+                read_lines.iter_mut().for_each(Vec::clear);
+                read(first..first + columns * rows, read_lines);
+                for (line, sums) in read_lines.iter().zip(summed.iter_mut()) {
+                    add_scaled(line, *weight, sums);
                 }
-                summed.clear();
-                summed.resize(columns * rows, 0.0);
-                for (k, weight) in (mean.first..).zip(&mean.weights) {
-                    let first = columns * rows * k;
-                    line.clear();
-                    values.append_to(first..first + columns * rows, line);
-                    add_scaled(line, *weight, summed);
-                }
+            }
+            for (summed, halved) in summed.iter().zip(halved.iter_mut()) {
                 halved.clear();
                 halved.resize(columns * y.len(), 0.0);
                 for (mean, out) in y.means.iter().zip(halved.chunks_exact_mut(columns)) {
@@ -412,20 +468,21 @@ fn means(
                         add_scaled(&summed[j * columns..][..columns], *weight, out);
                     }
                 }
-                let rows = halved.chunks_exact(columns);
-                for (row, out) in rows.zip(out.chunks_exact_mut(x.len())) {
-                    for (mean, out) in x.means.iter().zip(out) {
-                        let terms = mean.weights.iter().zip(&row[mean.first..]);
-                        *out = terms.map(|(weight, value)| weight * value).sum();
-                    }
+            }
+            for (row, out) in out.chunks_exact_mut(x.len()).enumerate() {
+                for (mean, out) in x.means.iter().zip(out) {
+                    let of_line = |line: &Vec<f32>| {
+                        let terms = mean.weights.iter().zip(&line[row * columns + mean.first..]);
+                        terms.map(|(weight, value)| weight * value).sum()
+                    };
+                    *out = pack(halved.each_ref().map(of_line));
                 }
-                stage.advance(1);
-                out.iter().all(|value| value.is_finite())
-            },
-        )
-        .reduce(|| true, |a, b| a && b);
+            }
+            stage.advance(1);
+        },
+    );
     stage.check()?;
-    Ok(is_finite.then_some(all))
+    Ok(all)
 }
 
 /// Adds `weight` times some values to sums.
@@ -542,6 +599,40 @@ mod tests {
                 if from_ends > 4.0 {
                     assert!((values.get(i) - field(place)).abs() < 0.05, "{place}");
                 }
+            }
+        }
+    }
+
+    /// Coarser normals are those of the field at the coarser samples: here of spheres about a point beyond the box.
+    #[test]
+    fn normals_are_averaged() {
+        let lattice = Lattice::uniform([64, 66, 65], DVec3::ZERO, DVec3::ONE);
+        let middle = DVec3::new(-40.0, 20.0, 100.0);
+        let values = cells(&lattice).map(|p| p.distance(middle) as f32).collect();
+        let normals = cells(&lattice).map(|p| normal_code(p - middle)).collect();
+        let grey = TransferFunction::from_curves(|v| [v; 3], |v| v, [0.0, 200.0], 1.0).unwrap();
+        for boundary in [None, Some(Boundary::Lattice)] {
+            let volume = PointVolume {
+                boundary,
+                normals: Some(Vec::clone(&normals)),
+                ..PointVolume::lattice(
+                    lattice.clone(),
+                    Values::F32(Vec::clone(&values)),
+                    grey.clone(),
+                )
+            };
+            let found = BlockedVolume::new(volume)
+                .coarser(1 << 18, None)
+                .unwrap()
+                .unwrap();
+            let Particles::Lattice { lattice, .. } = &found.particles else {
+                panic!("a lattice stays a lattice");
+            };
+            for (place, code) in cells(lattice).zip(found.normals.unwrap()) {
+                let expected = (place - middle).normalize();
+                // Two roundings of codes, of .12 degrees each.
+                let error = normal_of_code(code).as_dvec3().distance(expected);
+                assert!(error < 0.005, "{place}: {error}");
             }
         }
     }

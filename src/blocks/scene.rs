@@ -27,6 +27,8 @@ pub struct BlockedScene {
     /// Range of each volume of the scene in `volumes`: itself, then its levels.
     families: Vec<Range<usize>>,
     requirements: Vec<Requirements>,
+    /// Whether coarser lattices may stand for the volumes' own.
+    has_coarser: bool,
     /// Transfer function of the volume whose particles carry their values in place of colours.
     carried: Option<TransferFunction>,
     /// Densities of each volume's blocks, once a frame needs them.
@@ -96,6 +98,7 @@ impl BlockedScene {
             volumes,
             families,
             requirements,
+            has_coarser: options.level_of_detail,
             exchangeable,
             ..Self::default()
         })
@@ -204,6 +207,7 @@ impl BlockedScene {
         }
         check_count(scene.particle_count())?;
         scene.densities = densities.into();
+        scene.has_coarser = scene.volumes.len() > scene.families.len();
         Ok(scene)
     }
 
@@ -232,6 +236,7 @@ impl BlockedScene {
                 .extend(later.map(|f| f.start + first..f.end + first));
             all.volumes.extend(scene.volumes);
             all.requirements.extend(scene.requirements);
+            all.has_coarser |= scene.has_coarser;
             all.known.extend(scene.known);
             // All volumes are exchangeable, or none.
             all.exchangeable.clear();
@@ -322,9 +327,9 @@ impl BlockedScene {
         bytes as f64 / self.particle_count().max(1) as f64
     }
 
-    /// Whether any volume has levels of detail.
-    pub(crate) fn has_levels(&self) -> bool {
-        self.volumes.len() > self.families.len()
+    /// Whether the scene was made with levels of detail, so that coarser lattices may stand for its own.
+    pub(crate) fn has_coarser(&self) -> bool {
+        self.has_coarser
     }
 
     /// Whether any volume consists of splats, which state their opacity.

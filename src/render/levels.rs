@@ -69,9 +69,9 @@ impl Renderer {
         let may_be_coarser = settings.draws_merged()
             && tolerance >= LEAST_TOLERANCE
             && settings.show == Show::Scene
-            && !(settings.depth || settings.normals)
+            && !settings.depth
             && self.rank().is_none()
-            && self.scene.has_levels();
+            && self.scene.has_coarser();
         if !may_be_coarser {
             return Ok(0);
         }
@@ -219,8 +219,10 @@ impl Renderer {
             reason = "at most the limit"
         )]
         let pixels = (2.0 * radius * per_length).ceil().clamp(1.0, MOST_PIXELS) as usize;
-        let block_errors: Vec<Vec<Vec<BlockError>>> =
-            (1..=count).map(|level| self.block_errors(level)).collect();
+        let is_lit = settings.lighting.is_some();
+        let block_errors: Vec<Vec<Vec<BlockError>>> = (1..=count)
+            .map(|level| self.block_errors(level, is_lit))
+            .collect();
         let height = pixels as f64 / per_length;
         let mut errors = vec![0.0_f32; count];
         for (n, direction) in DIRECTIONS.into_iter().enumerate() {
@@ -262,10 +264,10 @@ impl Renderer {
     }
 
     /// Estimates the errors of the blocks of each volume at a level.
-    fn block_errors(&self, level: usize) -> Vec<Vec<BlockError>> {
+    fn block_errors(&self, level: usize, is_lit: bool) -> Vec<Vec<BlockError>> {
         let pairs = self.scene_at(level).data().zip(self.scene.data());
         pairs
-            .map(|(coarser, own)| coarser.errors_against(own))
+            .map(|(coarser, own)| coarser.errors_against(own, is_lit))
             .collect()
     }
 

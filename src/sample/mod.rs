@@ -270,11 +270,15 @@ pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
         _ => (dataset, 0),
     };
     let dataset = lattice::without_hidden(dataset, options)?;
+    let mut groups = None;
     let mut sampled = match &dataset.geometry {
         Geometry::Lattice(_) => lattice::volume(dataset, options),
         Geometry::Curvilinear { .. } => curvilinear::volume(dataset, options),
         Geometry::Cells(_) => cells::volume(dataset, options),
-        Geometry::Points { .. } => points::volume(dataset, options),
+        Geometry::Points { .. } => points::volume(dataset, options).map(|(sampled, own)| {
+            groups = own;
+            sampled
+        }),
         Geometry::Splats(_) => splats::volume(dataset, options),
         Geometry::Mesh(_) => Err(Error::format(
             &dataset.path,
@@ -292,12 +296,13 @@ pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
     }
     if options.kernels.shepard_passes > 0 {
         let task = options.task.as_ref();
-        self::points::shepard::even_out(&mut sampled.volume, options.kernels.shepard_passes, task)?;
+        let passes = options.kernels.shepard_passes;
+        self::points::shepard::even_out(&mut sampled.volume, &mut groups, passes, task)?;
     }
     if options.purpose.normals {
-        self::field::gradient::complete(&mut sampled.volume, options.task.as_ref())?;
+        self::field::gradient::complete(&mut sampled.volume, &mut groups, options.task.as_ref())?;
     }
-    self::field::local_models::complete(&mut sampled.volume, options)?;
+    self::field::local_models::complete(&mut sampled.volume, groups, options)?;
     if let Some(periodic) = &options.periodic {
         self::points::periodic::add_images(&mut sampled, periodic)?;
     }

@@ -10,8 +10,9 @@
 use crate::common::some;
 use crate::promise::differences;
 use ewa_splat::image::Image;
+use ewa_splat::math::normal_code;
 use ewa_splat::render::{Advanced, Backend, Classification};
-use ewa_splat::scene::{Boundary, Lattice, PointVolume, TransferFunction, Values};
+use ewa_splat::scene::{Boundary, Lattice, Lighting, PointVolume, TransferFunction, Values};
 use ewa_splat::view::{Camera, ClipPlane};
 use ewa_splat::{Composite, Renderer, SceneOptions, Settings};
 use glam::DVec3;
@@ -57,6 +58,29 @@ fn shells() -> TransferFunction {
 fn smooth() -> PointVolume {
     let (lattice, values) = lattice_of(blobs);
     PointVolume::lattice(lattice, values, ramp(0.1))
+}
+
+/// Returns unit normals of the surfaces of equal value of a field, turned by a map.
+fn normals_of(field: impl Fn(DVec3) -> f64, turned: impl Fn(DVec3, DVec3) -> DVec3) -> Vec<u32> {
+    /// A part of the samples' distance.
+    const STEP: f64 = 1e-3;
+    let (lattice, _) = lattice_of(|_| 0.0);
+    let normal = |n: usize| {
+        let cell = [n % NODES, n / NODES % NODES, n / (NODES * NODES)];
+        let p = lattice.position(cell);
+        let slope = |axis: DVec3| field(p + STEP * axis) - field(p - STEP * axis);
+        let gradient = DVec3::new(slope(DVec3::X), slope(DVec3::Y), slope(DVec3::Z));
+        normal_code(turned(p, gradient.normalize_or_zero()))
+    };
+    (0..lattice.len()).map(normal).collect()
+}
+
+/// Returns the smooth field with normals.
+fn smooth_with_normals() -> PointVolume {
+    PointVolume {
+        normals: Some(normals_of(blobs, |_, normal| normal)),
+        ..smooth()
+    }
 }
 
 fn camera(size: usize) -> Camera {
@@ -109,8 +133,44 @@ fn pictures_are_within_the_tolerance_of_the_samples() {
         ("sharp", sharp, 1),
         ("rippled", of(Values::F32(rippled), ramp(0.1)), 0),
     ];
+    check_pictures(some(scenes, 0, 2), None);
+}
+
+#[test]
+fn lit_pictures_are_within_the_tolerance_of_the_samples() {
+    let straight = normals_of(blobs, |_, normal| normal);
+    // Relief of six samples on surfaces that are smooth, in a part of the volume: light alone shows it.
+    let relief = normals_of(blobs, |p, normal| {
+        let part = (-p.distance_squared(DVec3::new(-0.3, -0.2, 0.2)) / 0.04).exp();
+        normal + 1.2 * part * DVec3::new((65.0 * p.x).sin(), 0.0, (65.0 * p.z).cos())
+    });
+    let (lattice, values) = lattice_of(blobs);
+    let of = |normals: &[u32], function| PointVolume {
+        normals: Some(normals.to_vec()),
+        ..PointVolume::lattice(lattice.clone(), values.clone(), function)
+    };
+    let sharp = PointVolume {
+        boundary: Some(Boundary::Lattice),
+        ..of(&straight, ramp(0.02))
+    };
+    let scenes = [
+        ("smooth", of(&straight, ramp(0.1)), 1),
+        ("shells", of(&straight, shells()), 1),
+        ("sharp", sharp, 1),
+        ("relief", of(&relief, ramp(0.1)), 0),
+    ];
+    check_pictures(some(scenes, 0, 2), Some(Lighting::default()));
+}
+
+/// Checks pictures in three views at three tolerances.
+///
+/// - `scenes`: with their names, and the least levels of fitted views at a tolerance of 1/16.
+fn check_pictures<'a>(
+    scenes: impl IntoIterator<Item = (&'a str, PointVolume, usize)>,
+    lighting: Option<Lighting>,
+) {
     let mut broken = Vec::new();
-    for (name, volume, least) in some(scenes, 0, 2) {
+    for (name, volume, least) in scenes {
         let mut renderer = Renderer::new(vec![volume]).unwrap();
         let fitted = camera(160);
         let near = Camera {
@@ -126,9 +186,14 @@ fn pictures_are_within_the_tolerance_of_the_samples() {
         };
         for (view, camera) in [("fitted", fitted), ("near", near), ("far", far)] {
             for tolerance in [1.0 / 255.0, 1.0 / 64.0, 1.0 / 16.0] {
-                let image = renderer.render(&camera, &at(tolerance)).unwrap().clone();
+                let [chosen, of_samples] =
+                    [at(tolerance), of_samples(tolerance)].map(|own| Settings {
+                        lighting: lighting.clone(),
+                        ..own
+                    });
+                let image = renderer.render(&camera, &chosen).unwrap().clone();
                 let (level, footprints) = (renderer.lattice_level(), renderer.counts().footprints);
-                let all = renderer.render(&camera, &of_samples(tolerance)).unwrap();
+                let all = renderer.render(&camera, &of_samples).unwrap();
                 let error = difference(&image, all) / tolerance;
                 println!(
                     "{name} {view} 1/{:.0}: level {level}, error {error:.2} tolerances, footprints {footprints} of {}",
@@ -260,17 +325,25 @@ fn frames_that_need_samples_have_them() {
 fn both_back_ends_draw_the_same_level() {
     use crate::common::gpu::{gpu, rounding};
     let Some(gpu) = gpu() else { return };
-    let (camera, settings) = (camera(96), at(1.0 / 16.0));
-    let mut on_cpu = Renderer::with_options(vec![smooth()], Backend::Cpu).unwrap();
-    let mut on_gpu = Renderer::new(vec![smooth()])
-        .unwrap()
-        .on(gpu.clone())
-        .unwrap();
-    let a = on_cpu.render(&camera, &settings).unwrap().clone();
-    let b = on_gpu.render(&camera, &settings).unwrap().clone();
-    assert!(on_gpu.adapter().is_some() && on_gpu.fallback().is_none());
-    assert!(on_cpu.lattice_level() > 0);
-    assert_eq!(on_cpu.lattice_level(), on_gpu.lattice_level());
-    assert_eq!(on_cpu.counts().footprints, on_gpu.counts().footprints);
-    assert!(difference(&a, &b) < rounding());
+    let unlit = at(1.0 / 16.0);
+    let lit = Settings {
+        lighting: Some(Lighting::default()),
+        normals: true,
+        ..unlit.clone()
+    };
+    for (volume, settings) in [(smooth(), unlit), (smooth_with_normals(), lit)] {
+        let camera = camera(96);
+        let mut on_cpu = Renderer::with_options(vec![volume.clone()], Backend::Cpu).unwrap();
+        let mut on_gpu = Renderer::new(vec![volume])
+            .unwrap()
+            .on(gpu.clone())
+            .unwrap();
+        let a = on_cpu.render(&camera, &settings).unwrap().clone();
+        let b = on_gpu.render(&camera, &settings).unwrap().clone();
+        assert!(on_gpu.adapter().is_some() && on_gpu.fallback().is_none());
+        assert!(on_cpu.lattice_level() > 0);
+        assert_eq!(on_cpu.lattice_level(), on_gpu.lattice_level());
+        assert_eq!(on_cpu.counts().footprints, on_gpu.counts().footprints);
+        assert!(difference(&a, &b) < rounding());
+    }
 }

@@ -231,7 +231,7 @@ fn faces_are_of_one_sense(entries: &[u32]) -> bool {
 /// meshes that share no nodes. Each such node keeps its own share of the volume: their kernels have the same
 /// shape and place.
 pub(in crate::sample) struct Duals {
-    /// Moments of the whole dual cell, stored at the first node of each position.
+    /// Moments of the whole dual cell, stored at the first node of each position; empty once they are dropped.
     moments: Vec<Moments>,
     /// First node at the position of each node; empty if no two nodes coincide.
     pub(in crate::sample) first: Vec<u32>,
@@ -413,6 +413,11 @@ impl Duals {
             }
         }
         self.first = first;
+    }
+
+    /// Drops volumes and moments, 80 bytes a node. Afterwards only positions and cells may be asked for.
+    pub(super) fn drop_moments(&mut self) {
+        (self.moments, self.shares) = (Vec::new(), Vec::new());
     }
 
     /// Returns true if a solid cell is left out for a fault.

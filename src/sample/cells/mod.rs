@@ -122,11 +122,15 @@ impl CellField<'_> {
             "cells",
             "hidden, or copies of another piece's: left out of their nodes' volumes",
         );
-        let duals = Duals::new(mesh, blanking, turned, &self.cells, report, task)?;
+        let mut duals = Duals::new(mesh, blanking, turned, &self.cells, report, task)?;
         let kernels = match of_nodes {
             true => self.of_nodes(&duals, report, options)?,
             false => self.of_cells(&duals, report, options)?,
         };
+        // Sharp boundaries alone need them again.
+        if !(of_nodes && options.is_sharp()) {
+            duals.drop_moments();
+        }
         let own = kernels.within(self.own());
         let is_around = options.purpose.normals || options.purpose.local_models;
         let around = is_around.then(|| CellsAround::new(mesh, &duals.first));
@@ -282,13 +286,19 @@ pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sa
     // The encoded models take a quarter of the memory.
     let local_models = models.map(|models| LocalModels::new(&models));
     drop(seen);
+    if kept.is_empty() {
+        // Nothing below needs the mesh.
+        drop((duals, around, dataset));
+        let mut sampled =
+            classified_kernels(kernels, taken.values, report, Surroundings::Absent, options)?;
+        sampled.volume.normals = normals;
+        sampled.volume.local_models = local_models;
+        return Ok(sampled);
+    }
     let mut sampled =
         classified_kernels(kernels, taken.values, report, Surroundings::Absent, options)?;
     sampled.volume.normals = normals;
     sampled.volume.local_models = local_models;
-    if kept.is_empty() {
-        return Ok(sampled);
-    }
     let cells = DrawnCells {
         mesh,
         duals: &duals,

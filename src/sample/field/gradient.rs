@@ -17,7 +17,7 @@ use crate::error::Result;
 use crate::math::normal_code;
 use crate::parallel;
 use crate::sample::cells::incidence::{first_of, nodes_of};
-use crate::sample::points::neighbours::PointIndex;
+use crate::sample::points::neighbours::{Groups, PointIndex};
 use crate::scene::{Lattice, Particles, PointVolume, Strength, Values};
 use crate::task::{Task, collect};
 
@@ -26,7 +26,13 @@ use crate::task::{Task, collect};
 pub(in crate::sample) const SPANNING: f64 = 1e-9;
 
 /// Gives a volume normals if it has values and no normals yet. Surfels and splats stay as they are.
-pub(in crate::sample) fn complete(volume: &mut PointVolume, task: Option<&Task>) -> Result<()> {
+///
+/// - `groups`: groups of the particles' positions, if they are known.
+pub(in crate::sample) fn complete(
+    volume: &mut PointVolume,
+    groups: &mut Option<Groups>,
+    task: Option<&Task>,
+) -> Result<()> {
     let is_of_splats = matches!(volume.strength, Strength::PeakOpacity { .. });
     let (Some(values), None, false) = (&volume.values, &volume.normals, is_of_splats) else {
         return Ok(());
@@ -34,10 +40,15 @@ pub(in crate::sample) fn complete(volume: &mut PointVolume, task: Option<&Task>)
     volume.normals = match &volume.particles {
         Particles::Lattice { lattice, .. } => Some(of_lattice(lattice, values, task)?),
         Particles::Isotropic { positions, .. } | Particles::Anisotropic { positions, .. } => {
-            match PointIndex::new(positions) {
-                Some(index) => Some(index.normals(task, |i| values.get(i))?.0),
+            let normals = match PointIndex::of(positions, groups.take()) {
+                Some(index) => {
+                    let (normals, _) = index.normals(task, |i| values.get(i))?;
+                    *groups = Some(index.into_groups());
+                    Some(normals)
+                }
                 None => None,
-            }
+            };
+            normals
         }
         Particles::Surfels { .. } => None,
     };

@@ -24,6 +24,7 @@ use self::columns::{Columns, INTENSITIES};
 use self::mass::Mass;
 pub(crate) use self::neighbourhoods::Neighbourhoods;
 pub(crate) use self::neighbourhoods::{Surrounded, without_spacing};
+use self::neighbours::Groups;
 pub(crate) use self::partitioned::{
     FITTED_NEIGHBOURS, Fitted, PartitionedRows, fit_partition, function_of_all, sample_partition,
     scalars,
@@ -82,13 +83,17 @@ pub(super) fn choices_of_points(dataset: &Dataset) -> Vec<FieldChoice> {
     Columns::of(dataset, 0).choices()
 }
 
-pub(super) fn volume(mut dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
+/// Also returns groups of the volume's positions, if they were found for the shapes.
+pub(super) fn volume(
+    mut dataset: Dataset,
+    options: &SampleOptions,
+) -> Result<(Sampled, Option<Groups>)> {
     if let (Some(periodic), Geometry::Points { positions }) =
         (&options.periodic, &mut dataset.geometry)
     {
         periodic::wrap(positions, periodic);
     }
-    of_some(dataset, options, None).map(|made| made.sampled)
+    of_some(dataset, options, None).map(|made| (made.sampled, made.groups))
 }
 
 /// Kinds of points whose particles each depend on one row alone, so that a part of the rows gives a part of the
@@ -185,6 +190,8 @@ struct Made {
     kept: Vec<u32>,
     /// Volumes that classified particles represent \[length³\].
     volumes: Vec<f32>,
+    /// Groups of the particles' positions, if they were found for the shapes.
+    groups: Option<Groups>,
 }
 
 /// - `part`: set if these are a part of all rows. Then there is no function, and there may be no rows.
@@ -200,7 +207,8 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>
         neighbourhoods: part.as_ref().and_then(|part| part.neighbourhoods),
         ..Columns::of(&dataset, count)
     };
-    let shapes = columns.shapes(positions, options)?;
+    let mut shapes = columns.shapes(positions, options)?;
+    let groups = shapes.groups.take();
     let mass = columns.mass(&shapes, options)?;
     let shape = &shapes.shape;
     let rgb = columns.colours()?;
@@ -479,6 +487,8 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>
     };
     Ok(Made {
         sampled,
+        // Groups of all rows are of no use if some are left out.
+        groups: groups.filter(|_| kept.len() == count),
         kept,
         volumes,
     })

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
+use super::neighbours::{Groups, PointIndex, Remote};
 use super::neighbours::{NEIGHBOUR_COUNT, SPACING_NEIGHBOURS};
-use super::neighbours::{PointIndex, Remote};
 use crate::error::{Error, Hint, Result};
 use crate::math::eigen;
 use crate::sample::options::{ParticleShape, SampleOptions};
@@ -37,12 +37,13 @@ fn step(count: u64) -> u64 {
 }
 
 /// Sizes and shapes from neighbours, in the order of the points.
-#[derive(Debug)]
 pub(crate) struct Neighbourhoods {
     /// Volume of each point \[length³\]; NaN for points without a finite position; empty if not asked for.
     pub(crate) volumes: Vec<f64>,
     /// Covariances of the neighbours' positions, if kernels follow these.
     pub(crate) covariances: Option<Vec<[f64; 6]>>,
+    /// The points' groups with their listed neighbours, if these serve local models, too.
+    pub(super) groups: Option<Groups>,
 }
 
 /// Local points, followed by their remote neighbours.
@@ -64,7 +65,12 @@ impl Neighbourhoods {
         options: &SampleOptions,
         mut remote: Option<&mut dyn Remote>,
     ) -> Result<Option<Self>> {
-        let index = PointIndex::new(points.positions);
+        let task = options.task.as_ref();
+        let mut index = PointIndex::new(points.positions);
+        let is_listed = options.purpose.local_models && remote.is_none();
+        if let Some(index) = index.as_mut().filter(|_| is_listed) {
+            index.list(task)?;
+        }
         let with_covariances = match options.kernels.shape {
             ParticleShape::Covariance => true,
             ParticleShape::Automatic => {
@@ -79,7 +85,6 @@ impl Neighbourhoods {
             }
             ParticleShape::Isotropic | ParticleShape::YuTurk => false,
         };
-        let task = options.task.as_ref();
         let (count, is_alone) = (points.count, remote.is_none());
         let mut covariances = match (&index, with_covariances) {
             (_, false) => None,
@@ -96,6 +101,7 @@ impl Neighbourhoods {
             return Ok((count == 0 && !is_alone).then_some(Self {
                 volumes: Vec::new(),
                 covariances,
+                groups: None,
             }));
         };
         let mut volumes = match with_volumes {
@@ -109,6 +115,7 @@ impl Neighbourhoods {
         Ok(Some(Self {
             volumes,
             covariances,
+            groups: is_listed.then(|| index.into_groups()),
         }))
     }
 }

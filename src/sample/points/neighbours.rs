@@ -41,15 +41,30 @@ pub(crate) trait Remote {
     fn complete(&mut self, own: Vec<[f64; 6]>) -> Result<Vec<[f64; 6]>>;
 }
 
+/// Number of neighbours that an index may list for each group: as many as local models are fitted to.
+pub(in crate::sample) const LISTED: usize = 24;
+const _: () = assert!(LISTED >= SPACING_NEIGHBOURS[1] && LISTED >= NEIGHBOUR_COUNT);
+
 /// A tree of the finite points of a set. Each distinct position is in it once, with a group of points.
 pub(in crate::sample) struct PointIndex<'a> {
     positions: &'a [DVec3],
+    groups: Groups,
+}
+
+/// The groups of a [`PointIndex`], without the positions of the points.
+pub(in crate::sample) struct Groups {
     /// Indices of the finite points; those of a group are adjacent.
     order: Vec<u32>,
     /// Index in `order` at which each group begins; one more entry at the end.
     starts: Vec<u32>,
     tree: Tree,
+    /// The group itself and its [`LISTED`] neighbours, nearest first; empty unless they were listed. In a set of fewer
+    /// groups, the remaining entries are [`NO_GROUP`].
+    lists: Vec<[u32; LISTED + 1]>,
 }
+
+/// Stands for a neighbour that a small set lacks.
+const NO_GROUP: u32 = u32::MAX;
 
 impl<'a> PointIndex<'a> {
     /// Returns `None` for fewer than two distinct positions.
@@ -86,39 +101,66 @@ impl<'a> PointIndex<'a> {
             order.extend_from_slice(&sorted[first..=first + others.count()]);
         }
         starts.push(index_u32(order.len()));
-        Some(Self {
-            positions,
+        let groups = Groups {
             order,
             starts,
             tree,
-        })
+            lists: Vec::new(),
+        };
+        Some(Self { positions, groups })
+    }
+
+    /// Makes the index of positions whose groups may be known. Returns `None` for fewer than two distinct positions.
+    pub(in crate::sample) fn of(positions: &'a [DVec3], groups: Option<Groups>) -> Option<Self> {
+        match groups {
+            Some(groups) => Some(Self { positions, groups }),
+            None => Self::new(positions),
+        }
+    }
+
+    /// Keeps the groups, for another index of the same positions.
+    pub(in crate::sample) fn into_groups(self) -> Groups {
+        self.groups
+    }
+
+    /// Lists the neighbours of all groups, so that later searches find them. A list takes 100 bytes.
+    pub(in crate::sample) fn list(&mut self, task: Option<&Task>) -> Result<()> {
+        let around = |neighbours: &mut Neighbours<'_>, g| {
+            let mut list = [NO_GROUP; LISTED + 1];
+            for (slot, (other, _)) in list.iter_mut().zip(neighbours.of(g, LISTED)) {
+                *slot = index_u32(other);
+            }
+            list
+        };
+        self.groups.lists = self.of_groups(task, FINDING, around)?;
+        Ok(())
     }
 
     /// Returns the number of distinct positions.
     pub(in crate::sample) fn group_count(&self) -> usize {
-        self.starts.len() - 1
+        self.groups.starts.len() - 1
     }
 
     /// Returns the points at one position.
     pub(in crate::sample) fn group(&self, g: usize) -> &[u32] {
-        &self.order[self.starts[g] as usize..self.starts[g + 1] as usize]
+        &self.groups.order[self.groups.starts[g] as usize..self.groups.starts[g + 1] as usize]
     }
 
     /// Returns the number of finite points.
     pub(in crate::sample) fn len(&self) -> usize {
-        self.order.len()
+        self.groups.order.len()
     }
 
     /// Returns the finite point at position `place` of a spatially coherent order, and its group.
     pub(in crate::sample) fn in_order(&self, place: usize) -> (u32, usize) {
         let begun = |start: &u32| *start as usize <= place;
-        let group = self.starts.partition_point(begun) - 1;
-        (self.order[place], group)
+        let group = self.groups.starts.partition_point(begun) - 1;
+        (self.groups.order[place], group)
     }
 
     /// Returns the finite points in a spatially coherent order.
     pub(in crate::sample) fn order(&self) -> &[u32] {
-        &self.order
+        &self.groups.order
     }
 
     /// Returns a point's position.
@@ -133,7 +175,7 @@ impl<'a> PointIndex<'a> {
 
     /// Returns the position of a group.
     fn place(&self, g: usize) -> DVec3 {
-        self.tree.position(g)
+        self.groups.tree.position(g)
     }
 
     /// Returns the offset from one group to another; it does not depend on other points of the set.
@@ -143,7 +185,11 @@ impl<'a> PointIndex<'a> {
 
     /// Begins searches for neighbours, one after the other.
     pub(in crate::sample) fn search(&self) -> Neighbours<'_> {
-        Neighbours(Search::new(&self.tree))
+        Neighbours {
+            search: Search::new(&self.groups.tree),
+            index: self,
+            found: Vec::new(),
+        }
     }
 
     /// Returns `of` for each group, as a stage.
@@ -171,14 +217,14 @@ impl<'a> PointIndex<'a> {
         count: usize,
         radius: f64,
     ) -> Option<f64> {
-        let mut search = Search::new(&self.tree);
+        let mut search = Search::new(&self.groups.tree);
         let found = search.nearest(from, count, radius * radius);
         found.get(count).map(|near| near.squared)
     }
 
     /// Returns the point nearest to a finite position; the first of those that coincide.
     pub(in crate::sample) fn nearest_to(&self, position: DVec3) -> Option<u32> {
-        let mut search = Search::new(&self.tree);
+        let mut search = Search::new(&self.groups.tree);
         let nearest = search.nearest(position, 0, UNLIMITED).first()?;
         self.group(nearest.index as usize).first().copied()
     }
@@ -291,7 +337,7 @@ impl<'a> PointIndex<'a> {
         neighbour_count: usize,
     ) -> Vec<[f64; 6]> {
         let covariance = |&i: &u32| {
-            let mut search = Search::new(&self.tree);
+            let mut search = Search::new(&self.groups.tree);
             let nearest = search.nearest(self.position(i), neighbour_count, UNLIMITED);
             self.covariance(nearest.iter().map(|near| near.index as usize))
         };
@@ -348,7 +394,7 @@ impl<'a> PointIndex<'a> {
         radius: f64,
         mut visit: impl FnMut(u32, DVec3),
     ) {
-        self.tree.within(centre, radius, |g| {
+        self.groups.tree.within(centre, radius, |g| {
             let offset = self.place(g) - centre;
             for &i in self.group(g) {
                 visit(i, offset);
@@ -358,7 +404,11 @@ impl<'a> PointIndex<'a> {
 }
 
 /// Searches for the neighbours of groups. Consecutive searches near one another share work.
-pub(in crate::sample) struct Neighbours<'a>(Search<'a>);
+pub(in crate::sample) struct Neighbours<'a> {
+    search: Search<'a>,
+    index: &'a PointIndex<'a>,
+    found: Vec<(usize, f64)>,
+}
 
 impl Neighbours<'_> {
     /// Returns the `count` distinct positions nearest to a group, after the group itself, with their squared
@@ -371,8 +421,23 @@ impl Neighbours<'_> {
         g: usize,
         count: usize,
     ) -> impl Iterator<Item = (usize, f64)> + Clone {
-        let pair = |near: &Near| (near.index as usize, near.squared);
-        self.0.around(g, count).iter().map(pair)
+        self.found.clear();
+        match self.index.groups.lists.get(g) {
+            Some(list) if count <= LISTED => {
+                let listed = list[..=count].iter().filter(|other| **other != NO_GROUP);
+                let pair = |&other: &u32| {
+                    let other = other as usize;
+                    (other, self.index.offset(g, other).length_squared())
+                };
+                self.found.extend(listed.map(pair));
+            }
+            _ => {
+                let pair = |near: &Near| (near.index as usize, near.squared);
+                let found = self.search.around(g, count);
+                self.found.extend(found.iter().map(pair));
+            }
+        }
+        self.found.iter().copied()
     }
 }
 
@@ -470,6 +535,43 @@ mod tests {
         let points: Vec<DVec3> = near.iter().map(|p| *p * 1e163).collect();
         let index = PointIndex::new(&points).unwrap();
         assert!(index.search().of(0, 14).count() <= 15);
+    }
+
+    /// Results do not change once neighbours are listed, whatever the number of groups, and for distances whose squares
+    /// vanish.
+    #[test]
+    fn listed_neighbours_are_those_of_a_search() {
+        let mut crowded = lattice(7, 0.5);
+        crowded.extend([crowded[5]; 40]);
+        crowded.push(DVec3::NAN);
+        crowded.extend([1e-200, 2e-200, 3e-200].map(|x| DVec3::new(x, 0.0, 0.0)));
+        for points in [crowded.clone(), lattice(2, 0.0)] {
+            let index = PointIndex::new(&points).unwrap();
+            let mut listed = PointIndex::new(&points).unwrap();
+            listed.list(None).unwrap();
+            let listed = PointIndex::of(&points, Some(listed.into_groups())).unwrap();
+            let (mut a, mut b) = (index.search(), listed.search());
+            for g in 0..index.group_count() {
+                for count in [1, 14, LISTED, LISTED + 1] {
+                    let [a, b] = [a.of(g, count), b.of(g, count)].map(|of| of.collect::<Vec<_>>());
+                    assert_eq!(a, b);
+                }
+            }
+            let count = points.len();
+            let volumes = |index: &PointIndex<'_>| {
+                let volumes = index.volumes(None).unwrap();
+                volumes.into_iter().map(f64::to_bits).collect::<Vec<_>>()
+            };
+            assert_eq!(volumes(&index), volumes(&listed));
+            let covariances = |index: &PointIndex<'_>| {
+                let all = index.covariances(None, count, None).unwrap();
+                all.into_iter()
+                    .flatten()
+                    .map(f64::to_bits)
+                    .collect::<Vec<_>>()
+            };
+            assert_eq!(covariances(&index), covariances(&listed));
+        }
     }
 
     #[test]

@@ -159,6 +159,7 @@ pub(crate) fn sample_partition(
         sampled: Sampled { volume, report },
         kept,
         volumes,
+        ..
     } = of_some(dataset, options, Some(part))?;
     Ok(PartitionSample {
         volume,
@@ -226,10 +227,14 @@ pub(crate) fn fit_partition(
         models: None,
         far: Vec::new(),
     };
+    let mut groups = None;
     if options.purpose.normals {
         let task = options.task.as_ref();
         let index = PointIndex::new(&positions);
-        let normals = index.map(|index| index.normals(task, |i| all.get(i)));
+        let normals = index
+            .as_ref()
+            .map(|index| index.normals(task, |i| all.get(i)));
+        groups = index.map(PointIndex::into_groups);
         fitted.normals = match normals.transpose()? {
             Some((mut normals, far)) => {
                 normals.truncate(count);
@@ -242,7 +247,7 @@ pub(crate) fn fit_partition(
             None => (count == 0).then(Vec::new),
         };
     }
-    if let Some((models, far)) = models_among(volume, &positions, &all, options)? {
+    if let Some((models, far)) = models_among(volume, &positions, groups, &all, options)? {
         fitted.models = Some(models);
         fitted.far.extend(far);
     }

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::super::left_out::LeftOut;
 use super::columns::Columns;
 use super::neighbourhoods::{Neighbourhoods, Surrounded, without_spacing};
-use super::neighbours::{MOST_NEIGHBOURS, NEIGHBOUR_COUNT, PointIndex};
+use super::neighbours::{Groups, MOST_NEIGHBOURS, NEIGHBOUR_COUNT, PointIndex};
 use super::{sph, yu_turk};
 use crate::constants::DEFAULT_KERNEL_WIDTH;
 use crate::data::shape_columns::{SCALES, VARIANCE};
@@ -48,6 +48,8 @@ pub(super) struct Shapes<'a> {
     pub(super) lengths: Option<String>,
     /// SPH kernel that the lengths belong to, if spheres stand for it.
     pub(super) smoothing: Option<SphKernel>,
+    /// Groups of the positions, if shapes were computed from them and others may need them.
+    pub(super) groups: Option<Groups>,
 }
 
 impl<'a> Columns<'a> {
@@ -99,6 +101,7 @@ impl<'a> Columns<'a> {
             bare: false,
             lengths: None,
             smoothing: None,
+            groups: None,
         };
         let refuse_lengths = |found: &str| {
             let given = [
@@ -217,6 +220,7 @@ impl<'a> Columns<'a> {
             smoothing: lengths
                 .kernel
                 .filter(|_| !with_yu_turk && !options.kernels.gaussian),
+            groups: None,
         })
     }
 
@@ -231,10 +235,15 @@ impl<'a> Columns<'a> {
             }
             _ => None,
         };
-        let (of_neighbours, covariances): (Cow<'a, [f64]>, _) = match self.neighbourhoods {
+        let (of_neighbours, covariances, groups): (Cow<'a, [f64]>, _, _) = match self.neighbourhoods
+        {
             Some(known) => {
                 let covariances = known.covariances.as_deref();
-                (known.volumes.as_slice().into(), covariances.map(Cow::from))
+                (
+                    known.volumes.as_slice().into(),
+                    covariances.map(Cow::from),
+                    None,
+                )
             }
             None => {
                 let points = Surrounded {
@@ -245,7 +254,8 @@ impl<'a> Columns<'a> {
                 };
                 let found = Neighbourhoods::of(&points, volumes.is_none(), options, None)?;
                 let found = found.ok_or_else(|| without_spacing(&self.dataset.path))?;
-                (found.volumes.into(), found.covariances.map(Cow::from))
+                let covariances = found.covariances.map(Cow::from);
+                (found.volumes.into(), covariances, found.groups)
             }
         };
         let volumes: Cow<'a, [f64]> = volumes.map_or(of_neighbours, Cow::Owned);
@@ -265,6 +275,7 @@ impl<'a> Columns<'a> {
             bare: true,
             lengths: None,
             smoothing: None,
+            groups,
         })
     }
 }

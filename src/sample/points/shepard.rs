@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::neighbours::PointIndex;
+use super::neighbours::{Groups, PointIndex};
 use crate::error::Result;
 use crate::math::{narrowed, principal_sigmas};
 use crate::sample::kernels::sums::{Summand, everywhere};
@@ -19,8 +19,11 @@ const LEAST_SUM: f64 = 0.2;
 /// all volumes to restore their total.
 ///
 /// Lattices need no correction, and masses stated by the data must not change: both stay.
+///
+/// - `groups`: groups of the particles' positions, if they are known.
 pub(in crate::sample) fn even_out(
     volume: &mut PointVolume,
+    groups: &mut Option<Groups>,
     passes: u32,
     task: Option<&Task>,
 ) -> Result<()> {
@@ -37,7 +40,7 @@ pub(in crate::sample) fn even_out(
                 (positions, &|i| factors[i].map(f64::from))
             }
         };
-    let Some(index) = PointIndex::new(positions) else {
+    let Some(index) = PointIndex::of(positions, groups.take()) else {
         return Ok(());
     };
     let total = |volumes: &[f32]| volumes.iter().copied().map(f64::from).sum::<f64>();
@@ -57,6 +60,7 @@ pub(in crate::sample) fn even_out(
             .zip(&sums)
             .for_each(|(volume, sum)| *volume = narrowed(f64::from(*volume) / sum.max(LEAST_SUM)));
     }
+    *groups = Some(index.into_groups());
     let scale = before / total(volumes);
     if scale.is_finite() {
         for volume in volumes {

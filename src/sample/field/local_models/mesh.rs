@@ -170,12 +170,18 @@ impl SampledMesh<'_> {
             NONE => ValueRange::EMPTY,
             _ => ValueRange::of(self.values.get(sample)),
         };
-        let own: Vec<ValueRange> = kernel_of.iter().enumerate().map(own).collect();
-        if self.of_nodes {
-            of_nodes(&of_cells(&of_nodes(&of_cells(&own))))
-        } else {
-            of_cells(&of_nodes(&of_cells(&of_nodes(&own))))
+        let mut ranges: Vec<ValueRange> = kernel_of.iter().enumerate().map(own).collect();
+        // One array replaces the other: four at a time would be the peak of the memory.
+        for _ in 0..2 {
+            if self.of_nodes {
+                ranges = of_cells(&ranges);
+                ranges = of_nodes(&ranges);
+            } else {
+                ranges = of_nodes(&ranges);
+                ranges = of_cells(&ranges);
+            }
         }
+        ranges
     }
 }
 

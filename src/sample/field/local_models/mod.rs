@@ -28,6 +28,7 @@ use self::quadratic::Quadratic;
 use crate::error::Result;
 use crate::math::{lower_matrix, narrowed};
 use crate::sample::options::SampleOptions;
+use crate::sample::points::neighbours::{Groups, PointIndex};
 use crate::scene::{LocalModel, LocalModels, Particles, PointVolume, Strength, Values};
 use crate::task::Task;
 
@@ -38,12 +39,18 @@ pub(in crate::sample) const FIRST_NEIGHBOURS: usize = points::NEIGHBOUR_COUNT;
 pub(in crate::sample) const STAGE: &str = "fitting local models";
 
 /// Gives a volume of classified particles local models if it has none yet.
-pub(in crate::sample) fn complete(volume: &mut PointVolume, options: &SampleOptions) -> Result<()> {
+///
+/// - `groups`: groups of the particles' positions, if they are known.
+pub(in crate::sample) fn complete(
+    volume: &mut PointVolume,
+    groups: Option<Groups>,
+    options: &SampleOptions,
+) -> Result<()> {
     let Some(values) = &volume.values else {
         return Ok(());
     };
     let positions = volume.particles.positions();
-    if let Some((models, _)) = models_among(volume, positions, values, options)? {
+    if let Some((models, _)) = models_among(volume, positions, groups, values, options)? {
         volume.local_models = Some(LocalModels::new(&models));
     }
     Ok(())
@@ -53,9 +60,11 @@ pub(in crate::sample) fn complete(volume: &mut PointVolume, options: &SampleOpti
 /// particles that needed more neighbours than usual ([`points::NEIGHBOUR_COUNT`]).
 ///
 /// - `positions`, `values`: those of the volume's particles, followed by those of remote neighbours.
+/// - `groups`: groups of these positions, if they are known.
 pub(in crate::sample) fn models_among(
     volume: &PointVolume,
     positions: &[DVec3],
+    groups: Option<Groups>,
     values: &Values,
     options: &SampleOptions,
 ) -> Result<Option<(Vec<LocalModel>, Vec<u32>)>> {
@@ -70,7 +79,8 @@ pub(in crate::sample) fn models_among(
     }
     let task: Option<&Task> = options.task.as_ref();
     let factor = |i| volume.particles.shape(i).1;
-    points::models(positions, volume.particles.len(), factor, values, task).map(Some)
+    let index = PointIndex::of(positions, groups);
+    points::models(index.as_ref(), volume.particles.len(), factor, values, task).map(Some)
 }
 
 /// Returns a lower-triangular factor as a matrix.

@@ -6,7 +6,7 @@ use super::quadratic::{Changes, LANES, Quadratic, fit, fit_together};
 use super::{Range, STAGE, local_model, steepest};
 use crate::error::Result;
 use crate::parallel;
-use crate::sample::points::neighbours::{MOST_FITTED, Neighbours, PointIndex};
+use crate::sample::points::neighbours::{LISTED, MOST_FITTED, Neighbours, PointIndex};
 use crate::scene::{LocalModel, Values};
 use crate::task::{Task, fill};
 
@@ -15,7 +15,7 @@ use crate::task::{Task, fill};
 pub(super) const NEIGHBOUR_COUNT: usize = 24;
 /// Larger numbers of neighbours; see [`NEIGHBOUR_COUNT`].
 const MORE_NEIGHBOURS: [usize; 2] = [2 * NEIGHBOUR_COUNT, 4 * NEIGHBOUR_COUNT];
-const _: () = assert!(MORE_NEIGHBOURS[1] <= MOST_FITTED);
+const _: () = assert!(MORE_NEIGHBOURS[1] <= MOST_FITTED && NEIGHBOUR_COUNT <= LISTED);
 
 /// Model of a point.
 #[derive(Clone)]
@@ -28,12 +28,13 @@ struct Made {
 /// Fits one model for each of the first points. Also returns the points that needed more neighbours than
 /// [`NEIGHBOUR_COUNT`].
 ///
+/// - `index`: index of the points; `None` for fewer than two distinct positions.
 /// - `count`: number of these points; the others are neighbours whose models belong to other ranks.
 /// - `factor`: returns the factor of a kernel's variance, world units.
 /// - `values`: one for each point. Points at one position count with their mean value. Values that are not
 ///   finite are ignored.
 pub(super) fn models(
-    positions: &[DVec3],
+    index: Option<&PointIndex<'_>>,
     count: usize,
     factor: impl Fn(usize) -> DMat3 + Sync,
     values: &Values,
@@ -50,7 +51,7 @@ pub(super) fn models(
             1.0,
         )
     };
-    let Some(index) = PointIndex::new(positions) else {
+    let Some(index) = index else {
         return Ok(((0..count).map(flat).collect(), Vec::new()));
     };
     let of_group = |g: usize| {
@@ -159,7 +160,7 @@ mod tests {
         let values = positions.iter().map(|&x| narrowed(field(x))).collect();
         let factor = |_| DMat3::from_diagonal(DVec3::splat(sigma));
         models(
-            positions,
+            PointIndex::new(positions).as_ref(),
             positions.len(),
             factor,
             &Values::F32(values),
@@ -269,7 +270,7 @@ mod tests {
         without.values = Some(Values::F32(vec![0.0; 8]));
         without.strength = crate::scene::Strength::Classified { volumes: vec![] };
         without.validate().unwrap();
-        super::super::complete(&mut without, &options).unwrap();
+        super::super::complete(&mut without, None, &options).unwrap();
         assert_eq!(without.local_models, None);
         let still = LocalModel {
             slope: glam::Vec3::ZERO,
@@ -284,7 +285,9 @@ mod tests {
         task.cancel();
         let values = Values::F32(values);
         let factor = |_| DMat3::IDENTITY;
-        let cancelled = models(&positions, positions.len(), factor, &values, Some(&task));
+        let index = PointIndex::new(&positions);
+        let count = positions.len();
+        let cancelled = models(index.as_ref(), count, factor, &values, Some(&task));
         assert!(matches!(cancelled, Err(Error::Cancelled)));
     }
 }
