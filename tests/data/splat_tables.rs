@@ -1,5 +1,7 @@
 //! Tests splats in tables, the 3-D filter, and SPZ files with other axes and distant splats.
 
+use std::mem::take;
+
 use ewa_splat::io::{
     Geometry, OpenOptions, ReadAs, ScaleMeaning, SplatCloud, SplatFileOptions, SpzVersion, open,
     read, write_splats,
@@ -279,9 +281,11 @@ fn spz_states_its_axes() {
     for (kind, payload, word) in [
         (0xADBE_0003_u32, &99_u32.to_le_bytes()[..], "unknown"),
         (0xADBE_0003, &[1, 2], "not read"),
-        (0xADBE_0002, &[0; 12], "not read"),
+        (0xADBE_0002, &[0; 12], "kept for SPZ"),
     ] {
-        let (found, notes) = cloud("a.spz", &with_record(&file, kind, payload), &options);
+        let (mut found, notes) = cloud("a.spz", &with_record(&file, kind, payload), &options);
+        let kept = take(&mut found.records).kept().len();
+        assert_eq!(kept, usize::from(kind == 0xADBE_0002));
         assert_eq!(found, plain);
         assert!(notes.len() == 1 && notes[0].contains(word), "{notes:?}");
     }

@@ -143,7 +143,7 @@ struct Extensions {
     axes: Option<u32>,
     /// The other records.
     others: Vec<SpzRecord>,
-    /// Whether bytes are left that are no records.
+    /// Whether bytes are left that are no records, or a record of the axes without a number.
     has_rest: bool,
 }
 
@@ -158,6 +158,7 @@ impl Extensions {
             };
             match (number(0), payload.first_chunk::<4>()) {
                 (AXES_RECORD, Some(of)) => extensions.axes = Some(u32::from_le_bytes(*of)),
+                (AXES_RECORD, None) => extensions.has_rest = true,
                 _ if extensions.others.len() == MOST_RECORDS => break,
                 (kind, _) => extensions.others.push(SpzRecord {
                     kind,
@@ -166,7 +167,7 @@ impl Extensions {
             }
             bytes = rest;
         }
-        extensions.has_rest = !bytes.is_empty();
+        extensions.has_rest |= !bytes.is_empty();
         extensions
     }
 }
