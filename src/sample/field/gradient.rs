@@ -40,15 +40,14 @@ pub(in crate::sample) fn complete(
     volume.normals = match &volume.particles {
         Particles::Lattice { lattice, .. } => Some(of_lattice(lattice, values, task)?),
         Particles::Isotropic { positions, .. } | Particles::Anisotropic { positions, .. } => {
-            let normals = match PointIndex::of(positions, groups.take()) {
+            match PointIndex::of(positions, groups.take()) {
                 Some(index) => {
                     let (normals, _) = index.normals(task, |i| values.get(i))?;
                     *groups = Some(index.into_groups());
                     Some(normals)
                 }
                 None => None,
-            };
-            normals
+            }
         }
         Particles::Surfels { .. } => None,
     };
