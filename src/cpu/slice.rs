@@ -201,7 +201,7 @@ impl Plane<'_> {
         let xy = x.dot(y) - tilt.x * tilt.y * depth_variance;
         let determinant = xx * yy - xy * xy;
         // Rounding of f32 shapes: as flat as nothing.
-        if !(determinant > 1e-12 * (xx * yy)) || !(xx > 0.0 && yy > 0.0) {
+        if !(determinant > 1e-12 * (xx * yy) && xx > 0.0 && yy > 0.0) {
             return Err(IsFlat);
         }
         let (scale, widening) = match self.smoothing {

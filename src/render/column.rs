@@ -9,6 +9,7 @@ use crate::frame::check::check;
 use crate::frame::plan::FramePlan;
 use crate::frame::settings::ColumnSettings;
 use crate::image::ColumnImage;
+use crate::math::narrowed;
 use crate::stats::Stopwatch;
 use crate::view::{Camera, Projection};
 use glam::DVec3;
@@ -96,7 +97,7 @@ impl Renderer {
             .iter()
             .fold(0.0, |most, value| value.abs().max(most));
         for (pixel, value) in images.column.values.iter_mut().zip(&sums.values) {
-            *pixel = *value as f32;
+            *pixel = narrowed(*value);
         }
         let mut report = FrameReport::default();
         report.counts.blocks = self.scene.block_count();

@@ -134,7 +134,7 @@ pub(in crate::io) fn encode(
     header.extend(count_u32.to_le_bytes());
     let records = records(path, cloud.records.kept())?;
     let has_records = !records.is_empty();
-    let flags = u8::from(cloud.rule.is_anti_aliased()) | u8::from(has_records) * HAS_RECORDS;
+    let flags = u8::from(cloud.rule.is_anti_aliased()) | (u8::from(has_records) * HAS_RECORDS);
     header.extend([cloud.harmonics_degree, fraction_bits, flags]);
     let arrays = [positions, opacities, constants, sizes, rotations, rest];
     let bytes = match version {
