@@ -253,7 +253,6 @@ impl State {
                     normals: purpose.normals && own.flatten.is_none(),
                     local_models: purpose.models || own.flatten.is_some(),
                     keeps_value_sample: count > 1 && !purpose.for_columns,
-                    ..own.purpose
                 },
                 task: Some(task.clone()),
                 ..own
