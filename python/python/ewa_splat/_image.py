@@ -268,7 +268,7 @@ class Column:
                 high = float(positive.max())
                 low = max(float(positive.min()), 1e-4 * high)
             values = np.where(values > 0, values, np.nan).astype(np.float32)
-            norm = matplotlib.colors.LogNorm(low, high)
+            norm = matplotlib.colors.LogNorm(low, high) if range or positive.size else matplotlib.colors.Normalize(0.0, 1.0)
         elif scale == "symlog":
             norm = matplotlib.colors.SymLogNorm(max(1e-3 * extreme, 1e-30), vmin=low, vmax=high)
         elif scale == "linear":

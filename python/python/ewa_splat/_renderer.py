@@ -210,6 +210,8 @@ class Renderer:
         for name in settings:
             if name not in ("clip", "low_pass", "cutoff", "filter", "tolerance"):
                 raise TypeError(f"{name}: column densities have no such setting")
+            if slice is not None and name in ("low_pass", "filter", "tolerance"):
+                raise TypeError(f"{name}: slices have no such setting")
         at = None if slice is None else float(slice)
         told = self._core.column_density(_view(camera), _size(size), drawing(dict(settings)), of, mean, at)
         return Column(told, "mean" if mean is not None else "column" if slice is None else "slice")

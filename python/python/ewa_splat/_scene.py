@@ -104,7 +104,7 @@ class Drawable:
         made = None
         if self._made is not None:
             made = (*self._made[:-1], self._made[-1] | {"field": field})
-        thing = type(self)(core, None, made)
+        thing = type(self)(core, self._values, made)
         thing.path = self.path
         return thing
 
