@@ -208,7 +208,7 @@ class Camera:
                 camera.view_angle = angle
             else:
                 camera.parallel_scale = scale
-        return place  # type: ignore[return-value]
+        return place
 
     def orbit(self, azimuth: float = 0.0, elevation: float = 0.0) -> Camera:
         """Return this camera, turned around its target: around the direction up, then above the horizon, degrees.

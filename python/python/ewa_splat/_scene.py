@@ -267,10 +267,10 @@ class Volume(Drawable):
             for i, channel in enumerate(_arrays.colours(color, "color", count, 3).T):
                 add("rgb"[i], channel, "color")
         known = {column.lower() for column, _ in columns}
-        for field, data in (fields or {}).items():
+        for field, further in (fields or {}).items():
             if field.lower() in _RESERVED | known:
                 raise ValueError(f"fields: expected a name without a meaning of its own, found {field!r}")
-            add(field, data, f"fields[{field!r}]")
+            add(field, further, f"fields[{field!r}]")
             known.add(field.lower())
         return cls(_core.Drawable.points(places, columns, said), _column_converter(count), ("points", said))
 
