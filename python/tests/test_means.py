@@ -35,7 +35,12 @@ def pixels():
 def on_plane(amplitudes, z, end=np.inf):
     """The sum of Gaussians on a plane across z, up to a number of standard deviations."""
     x, y = pixels()
-    offsets = np.stack([x, y, np.full_like(x, z)], axis=-1)[..., None, :] - POSITIONS
+    return on_plane_at(np.stack([x, y, np.full_like(x, z)], axis=-1), amplitudes, end)
+
+
+def on_plane_at(points, amplitudes, end=np.inf):
+    """The sum of Gaussians at points, up to a number of standard deviations."""
+    offsets = points[..., None, :] - POSITIONS
     squares = (offsets**2).sum(axis=-1) / SIGMAS**2
     kernels = np.exp(-0.5 * squares) / ((2 * np.pi) ** 1.5 * SIGMAS**3)
     return np.where(squares < end**2, kernels, 0.0) @ amplitudes
@@ -64,8 +69,23 @@ def test_slices_are_sums_on_the_plane():
     assert own.title.startswith("density")
     with pytest.raises(ValueError, match="axis"):
         renderer().column_density(es.Camera.look_at((0, -5, 1), (0, 0, 0)), (8, 8), slice=0.4)
-    with pytest.raises(ValueError, match="clip"):
-        renderer().column_density(CAMERA, (8, 8), slice=0.4, clip=[(1, 0, 0, 0)])
+    cut = renderer().column_density(CAMERA, (SIDE, SIDE), slice=0.4, clip=[(1, 0, 0, -0.5)])
+    assert np.array_equal(cut.values, np.where(pixels()[0] > 0.5, own.values, 0.0))
+
+
+def test_slices_of_periodic_boxes_end_at_the_faces():
+    boxed = es.Volume.from_points(POSITIONS, radius=SIGMAS, mass=MASSES, box=1.0)
+    own = es.Renderer(boxed, backend="cpu").column_density(CAMERA, (SIDE, SIDE), slice=0.02)
+    shifts = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3), axis=-1).reshape(-1, 3)
+    x, y = pixels()
+    truth = sum(
+        on_plane_at(np.stack([x, y, np.full_like(x, 0.02)], axis=-1) + shift, MASSES) for shift in shifts
+    )
+    inside = (x > 0) & (x < 1) & (y > 0) & (y < 1)
+    # Images have kernels that reach 4.5 standard deviations into the box.
+    assert np.allclose(own.values, np.where(inside, truth, 0.0), rtol=0, atol=1e-4 * truth.max())
+    with pytest.raises(TypeError, match="low_pass"):
+        renderer().column_density(CAMERA, (8, 8), slice=0.4, low_pass=1.0)
 
 
 def test_means_are_weighed_by_mass():
@@ -119,6 +139,8 @@ def test_columns_are_saved_in_colours_and_plotted(tmp_path):
     assert len(axes.figure.axes) == 2
     column = renderer().column_density(CAMERA, (SIDE, SIDE))
     assert isinstance(column.plot(axes, colorbar=False).norm, matplotlib.colors.LogNorm)
+    # Nothing lies on the plane.
+    renderer().column_density(CAMERA, (SIDE, SIDE), slice=50.0).plot(axes)
     plt.close("all")
 
 

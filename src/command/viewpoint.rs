@@ -224,11 +224,6 @@ impl CameraOptions {
         self.along.is_some_and(|own| own.axis() != along.axis())
     }
 
-    /// Returns whether `--window` cuts the scene along the line of sight.
-    pub(crate) fn has_depth_range(&self) -> bool {
-        self.window.is_some_and(|window| window.depth.is_some())
-    }
-
     /// Returns the planes between which `--window` shows the scene, if it says so.
     ///
     /// - `default`: the axis to look along if no option says it.

@@ -11,7 +11,7 @@ use crate::error::Result;
 use crate::scene::NO_EDGE;
 use crate::splat::RoundKernel;
 use crate::task::{Task, check};
-use crate::view::Camera;
+use crate::view::{Camera, ClipPlane};
 
 /// Rows of the image that are summed together.
 const BAND_ROWS: usize = 16;
@@ -27,6 +27,8 @@ pub(crate) struct Plane<'a> {
     pub(crate) smoothing: Option<SphKernel>,
     /// Cut-off radius of Gaussians, standard deviations.
     pub(crate) cutoff: f64,
+    /// Planes outside which nothing counts.
+    pub(crate) clip: &'a [ClipPlane],
     /// May cancel the sum.
     pub(crate) task: Option<&'a Task>,
 }
@@ -105,6 +107,7 @@ pub(crate) fn slice(scene: &BlockedScene, plane: &Plane<'_>) -> Result<Slice> {
         }
     });
     check(plane.task)?;
+    plane.clip_rows(&mut sum.values);
     Ok(sum)
 }
 
@@ -116,20 +119,52 @@ struct Found {
 }
 
 impl Plane<'_> {
-    /// Returns the coordinates of the plane's point and of a block's origin in camera space, relative to the eye.
-    fn in_camera(&self, point: DVec3) -> DVec3 {
-        self.camera.camera_from_world * (point - self.camera.eye)
+    /// Returns the depth of the plane in camera space.
+    fn depth(&self) -> f64 {
+        self.camera.camera_point(self.through).z
+    }
+
+    /// Returns the square of the radius at which m is 1, in standard deviations, and the greatest m² that counts.
+    fn reach(&self) -> (f64, f64) {
+        match self.smoothing {
+            Some(kernel) => (RoundKernel::reach(kernel).powi(2), 1.0),
+            None => (1.0, self.cutoff * self.cutoff),
+        }
+    }
+
+    /// Clears the pixels whose centres lie outside a clip plane.
+    fn clip_rows(&self, values: &mut [f64]) {
+        if self.clip.is_empty() {
+            return;
+        }
+        let Camera {
+            eye,
+            camera_from_world,
+            focal_px,
+            centre_px,
+            width,
+            ..
+        } = self.camera;
+        let (to_world, depth) = (camera_from_world.transpose(), self.depth());
+        let rows = values.par_chunks_mut((*width).max(1));
+        rows.enumerate().for_each(|(y, row)| {
+            for (x, value) in row.iter_mut().enumerate() {
+                let at_px = DVec2::new(x as f64, y as f64) + 0.5 - *centre_px;
+                let point = *eye + to_world * (at_px / *focal_px).extend(depth);
+                if self.clip.iter().any(|plane| plane.inside(point) < 0.0) {
+                    *value = 0.0;
+                }
+            }
+        });
     }
 
     /// Returns whether the plane may cut a kernel of a block.
     fn reaches(&self, volume: &BlockedVolume, block: u32) -> bool {
         let block = &volume.blocks[block as usize];
-        let distance = self.in_camera(block.origin).z - self.in_camera(self.through).z;
-        let cutoff = match self.smoothing {
-            Some(kernel) => RoundKernel::reach(kernel),
-            None => self.cutoff,
-        };
-        let reach = f64::from(block.half_extent.length()) + cutoff * f64::from(block.max_sigma);
+        let distance = self.camera.camera_point(block.origin).z - self.depth();
+        let (widening, limit) = self.reach();
+        let reach = (widening * limit).sqrt() * f64::from(block.max_sigma)
+            + f64::from(block.half_extent.length());
         // NaN counts.
         !(distance.abs() > 1.001 * reach)
     }
@@ -138,8 +173,10 @@ impl Plane<'_> {
         let rotation = self.camera.camera_from_world.as_mat3();
         let shapes = Shapes::new(volume, rotation);
         let shapes = shapes.of_block(block);
-        let origin = self.in_camera(volume.blocks[block as usize].origin);
-        let depth = self.in_camera(self.through).z;
+        let origin = self
+            .camera
+            .camera_point(volume.blocks[block as usize].origin);
+        let depth = self.depth();
         let has_edges = volume.has_boundary();
         let mut found = Found::default();
         visit_amplitudes(volume, block, |local, amplitude| {
@@ -180,13 +217,8 @@ impl Plane<'_> {
     ) -> std::result::Result<Option<Section>, IsFlat> {
         let focal = self.camera.focal_px;
         let depth_variance = z.length_squared();
-        let (rest, limit) = match self.smoothing {
-            Some(kernel) => {
-                let reach = RoundKernel::reach(kernel);
-                (rise * rise / (reach * reach * depth_variance), 1.0)
-            }
-            None => (rise * rise / depth_variance, self.cutoff * self.cutoff),
-        };
+        let (widening, limit) = self.reach();
+        let rest = rise * rise / (widening * depth_variance);
         if depth_variance == 0.0 {
             let is_there = rise == 0.0;
             return if is_there { Err(IsFlat) } else { Ok(None) };
@@ -204,17 +236,10 @@ impl Plane<'_> {
         if !(determinant > 1e-12 * (xx * yy) && xx > 0.0 && yy > 0.0) {
             return Err(IsFlat);
         }
-        let (scale, widening) = match self.smoothing {
-            Some(kernel) => {
-                let reach = RoundKernel::reach(kernel);
-                let support = reach * depth_variance.sqrt();
-                (1.0 / support.powi(3), reach * reach)
-            }
-            None => {
-                let tau = std::f64::consts::TAU;
-                let volume = tau.powf(1.5) * depth_variance.sqrt() * determinant.sqrt();
-                (1.0 / volume, 1.0)
-            }
+        let root = (depth_variance * determinant).sqrt();
+        let volume = match self.smoothing {
+            Some(_) => widening.powf(1.5) * root,
+            None => std::f64::consts::TAU.powf(1.5) * root,
         };
         let middle = centre.truncate() + tilt * rise;
         let left = (limit - rest) * widening;
@@ -228,7 +253,7 @@ impl Plane<'_> {
             ],
             rest,
             limit,
-            peak: amplitude * scale,
+            peak: amplitude / volume,
             edges: None,
         };
         let is_sound = section.middle_px.is_finite() && section.peak.is_finite();

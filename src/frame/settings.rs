@@ -307,8 +307,9 @@ pub struct ColumnSettings {
     /// default. `None` draws Gaussians.
     pub smoothing: Option<SphKernel>,
     /// A point of a plane across the view, world units: instead of line integrals, pixels hold the sums of the kernels
-    /// there, at their centres \[field\]. This needs an orthographic camera and no clip planes. The
-    /// CPU computes it in f64, whatever the back end. `None` draws columns.
+    /// there, at their centres \[field\]. This needs an orthographic camera. The CPU computes it in f64, whatever the back
+    /// end; tolerance, filter and low-pass variance have no meaning then, nor has the cut-off of SPH kernels. `None` draws
+    /// columns.
     pub slice: Option<DVec3>,
     /// Planes outside which nothing counts. Kernels that a plane cuts count in part.
     pub clip: Vec<ClipPlane>,

@@ -36,7 +36,7 @@ impl Renderer {
     ///
     /// # Errors
     /// The errors of [`Renderer::render`]; a result beyond f32; splats that state a peak opacity; a slice across a
-    /// perspective view, beside clip planes, of kernels without a thickness or on ranks.
+    /// perspective view, of kernels without a thickness or on ranks.
     pub fn column_density(
         &mut self,
         camera: &Camera,
@@ -64,10 +64,6 @@ impl Renderer {
             let found = "one with perspective".into();
             return fault("camera", "an orthographic one", found, "look along an axis");
         }
-        if !settings.clip.is_empty() {
-            let found = settings.clip.len().to_string();
-            return fault("clip planes", "none", found, "leave them out");
-        }
         if !through.is_finite() {
             let found = through.to_string();
             return fault("point", "finite coordinates", found, "correct it");
@@ -81,6 +77,7 @@ impl Renderer {
             through,
             smoothing: settings.smoothing,
             cutoff: f64::from(settings.cutoff),
+            clip: &settings.clip,
             task: settings.task.as_ref(),
         };
         let mut whole = Stopwatch::start();

@@ -161,7 +161,7 @@ class Renderer:
         TypeError
             Settings that do not apply to column densities.
         ValueError
-            Masses or a field that the data do not have; a slice across another camera or beside `clip`.
+            Masses or a field that the data do not have; a slice across another camera.
         """
         return self._column(camera, size, of, None, slice, settings)
 

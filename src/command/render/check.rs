@@ -89,23 +89,18 @@ impl Arguments {
         }
     }
 
-    /// Refuses a camera that does not look at a slice from the front, and a depth range beside it.
+    /// Refuses a camera that does not look at a slice from the front.
     fn check_slice(&self) -> Result<()> {
-        let Some(slice) = &self.method.slice else {
-            return Ok(());
-        };
-        let fault = |place: &str, expected: &str, found: &str, advice: &str| {
-            Err(Error::invalid("--slice", place, expected, found, advice))
-        };
-        if self.camera.looks_beside(slice.along) {
-            let advice = "leave --along out";
-            return fault("--along", "the axis of the slice", "another one", advice);
+        match &self.method.slice {
+            Some(slice) if self.camera.looks_beside(slice.along) => Err(Error::invalid(
+                "--slice",
+                "--along",
+                "the axis of the slice",
+                "another one",
+                "leave --along out",
+            )),
+            _ => Ok(()),
         }
-        if self.camera.has_depth_range() {
-            let (expected, found) = ("four coordinates", "six");
-            return fault("--window", expected, found, "leave the last two out");
-        }
-        Ok(())
     }
 
     /// Refuses a legend if the output holds numbers: a legend belongs to a picture.

@@ -195,7 +195,7 @@ pub(in crate::command) struct Method {
     /// Beside --column-density: write the field on this plane across an axis instead of its integral along the axis: the
     /// sum of the kernels at the pixels' centres, or with --column-mean the mean there
     #[arg(long, value_name = "AXIS=V", value_parser = parse::slice, allow_hyphen_values = true, requires = "column_density",
-          conflicts_with_all = ["eye", "camera", "azimuth", "elevation", "up", "fov", "mpi", "clip", "filter", "thresholds",
+          conflicts_with_all = ["eye", "camera", "azimuth", "elevation", "up", "fov", "mpi", "filter", "thresholds",
                                 "low_pass", "tolerance", "backend"])]
     pub(in crate::command) slice: Option<parse::SlicePlane>,
 }

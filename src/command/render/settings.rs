@@ -197,11 +197,7 @@ impl Arguments {
             cutoff: shared.cutoff.unwrap_or(defaults.cutoff),
             smoothing: None,
             slice: self.method.slice.map(|slice| slice.through()),
-            clip: match self.method.slice {
-                // The images in a periodic box make up for what its faces would cut.
-                Some(_) => Vec::new(),
-                None => shared.clip,
-            },
+            clip: shared.clip,
             simd: shared.advanced.simd,
             task: None,
         }
