@@ -20,7 +20,9 @@ mod _core {
     #[pymodule_export]
     use super::drawable::Drawable;
     #[pymodule_export]
-    use super::pictures::{column_colours, compare, read_image, write_column, write_image};
+    use super::pictures::{
+        column_colours, column_look, compare, read_image, write_column, write_image,
+    };
     #[pymodule_export]
     use super::program::main;
     #[pymodule_export]

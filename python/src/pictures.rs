@@ -79,15 +79,31 @@ pub(crate) fn write_column(
     pixel_area: Option<f64>,
     path: PathBuf,
 ) -> PyResult<()> {
-    let [height, width] = [values.shape()[0], values.shape()[1]];
-    let column = ColumnImage {
-        width,
-        height,
-        values: values.as_slice()?.to_vec(),
-        pixel_area,
-    };
+    let column = column(&values, pixel_area)?;
     let written = detached(py, || io::write_column(&path, &column));
     written.map_err(|error| exception(&error))
+}
+
+/// Converts an array to a column density.
+fn column(values: &PyReadonlyArray2<'_, f32>, pixel_area: Option<f64>) -> PyResult<ColumnImage> {
+    Ok(ColumnImage {
+        width: values.shape()[1],
+        height: values.shape()[0],
+        values: values.as_slice()?.to_vec(),
+        pixel_area,
+    })
+}
+
+/// Returns the scale of a name.
+fn scale_of(text: Option<String>) -> PyResult<Option<ScaleName>> {
+    let Some(text) = text else { return Ok(None) };
+    let names = [ScaleName::Linear, ScaleName::Log, ScaleName::Symlog];
+    let known = names.into_iter().find(|name| name.name() == text);
+    let unknown = || {
+        let text = format!("scale: expected linear, log or symlog, found {text}");
+        PyValueError::new_err(text)
+    };
+    known.map(Some).ok_or_else(unknown)
 }
 
 /// Returns the colours of a column density, linear and premultiplied.
@@ -103,35 +119,42 @@ pub(crate) fn column_colours<'py>(
     range: Option<[f32; 2]>,
     scale: Option<String>,
 ) -> PyResult<Bound<'py, PyArray3<f32>>> {
-    let [height, width] = [values.shape()[0], values.shape()[1]];
-    let names = [ScaleName::Linear, ScaleName::Log, ScaleName::Symlog];
-    let scale = match scale {
-        None => None,
-        Some(text) => {
-            let known = names.into_iter().find(|name| name.name() == text);
-            let unknown = || {
-                let text = format!("scale: expected linear, log or symlog, found {text}");
-                PyValueError::new_err(text)
-            };
-            Some(known.ok_or_else(unknown)?)
-        }
-    };
-    let column = ColumnImage {
-        width,
-        height,
-        values: values.as_slice()?.to_vec(),
-        pixel_area: None,
-    };
+    let (column, scale) = (column(&values, None)?, scale_of(scale)?);
     let picture = detached(py, || {
         let colours = io::column_colours(&column, map.as_deref(), range, scale)?;
         Ok(match colours {
             Some(colours) => io::column_picture(&column, &colours),
-            None => Image::new(width, height),
+            None => Image::new(column.width, column.height),
         })
     });
     let picture = picture.map_err(|error: ewa_splat::Error| exception(&error))?;
+    let [width, height] = [picture.width, picture.height];
     let pixels = picture.pixels.into_flattened().into_pyarray(py);
     pixels.reshape([height, width, 4])
+}
+
+/// Returns the colour map, the scale, and the values at the ends of the colours of a column density; no ends if there is
+/// nothing to show.
+///
+/// - `map`, `scale`: as for [`column_colours`].
+#[pyfunction]
+#[pyo3(signature = (values, map, scale))]
+pub(crate) fn column_look(
+    py: Python<'_>,
+    values: PyReadonlyArray2<'_, f32>,
+    map: Option<String>,
+    scale: Option<String>,
+) -> PyResult<(String, &'static str, Option<[f64; 2]>)> {
+    let (column, scale) = (column(&values, None)?, scale_of(scale)?);
+    let (name, own_map) = io::column_look(&column, scale);
+    let map = map.unwrap_or_else(|| own_map.into());
+    let colours = detached(py, || io::column_colours(&column, Some(&map), None, scale));
+    let colours = colours.map_err(|error| exception(&error))?;
+    let ends = colours.map(|colours| {
+        let scale = colours.value_scale();
+        colours.range().map(|end| scale.value(end))
+    });
+    Ok((map, name.name(), ends))
 }
 
 /// Returns the differences of two pictures, as JSON.

@@ -38,8 +38,7 @@ pub(crate) use self::particles::hdf5::{CellRows, cell_rows};
 pub(crate) use self::parts::planes::Planes;
 pub(crate) use self::parts::rows::ROWS;
 pub use self::parts::rows::RowFile;
-pub(crate) use self::picture::column_file::column_look;
-pub use self::picture::column_file::{column_colours, column_picture, write_column};
+pub use self::picture::column_file::{column_colours, column_look, column_picture, write_column};
 pub use self::picture::count_file::write_count;
 pub use self::picture::image_file::{
     check_depth_path, check_folder, check_image_path, png_bytes, read_image, write_depth,

@@ -251,33 +251,19 @@ class Column:
         import matplotlib.pyplot
 
         axes = matplotlib.pyplot.gca() if ax is None else ax
-        finite = self.values[np.isfinite(self.values)]
-        extreme = float(np.abs(finite).max(initial=0.0))
-        has_signs = bool(finite.size) and -float(finite.min()) > 1e-3 * extreme
-        scale = scale or self._scale or ("linear" if has_signs else "log")
-        is_centred = has_signs and scale != "log" and cmap is None
-        low, high = (None, None) if range is None else range
-        if range is None and is_centred:
-            low, high = -extreme, extreme
-        values = self.values
+        values = np.ascontiguousarray(self.values)
+        # A colour map of matplotlib is not one of ours, whose names decide whether values lie about 0.
+        map, scale, ends = _core.column_look(values, None, scale or self._scale)
+        low, high = range or ends or (1.0, 10.0)
         norm: Any
         if scale == "log":
-            positive = finite[finite > 0]
-            if range is None and positive.size:
-                # Lower values are the rims of kernels.
-                high = float(positive.max())
-                low = max(float(positive.min()), 1e-4 * high)
             values = np.where(values > 0, values, np.nan).astype(np.float32)
-            norm = matplotlib.colors.LogNorm(low, high) if range or positive.size else matplotlib.colors.Normalize(0.0, 1.0)
+            norm = matplotlib.colors.LogNorm(low, high)
         elif scale == "symlog":
-            norm = matplotlib.colors.SymLogNorm(max(1e-3 * extreme, 1e-30), vmin=low, vmax=high)
-        elif scale == "linear":
-            norm = matplotlib.colors.Normalize(low, high)
+            norm = matplotlib.colors.SymLogNorm(1e-3 * max(abs(low), abs(high)), vmin=low, vmax=high)
         else:
-            raise ValueError(f"scale: expected log, linear or symlog, found {scale}")
-        picture = axes.imshow(
-            values, extent=self.extent, norm=norm, cmap=cmap or ("coolwarm" if is_centred else "viridis"), interpolation="none"
-        )
+            norm = matplotlib.colors.Normalize(low, high)
+        picture = axes.imshow(values, extent=self.extent, norm=norm, cmap=cmap or map, interpolation="none")
         if colorbar:
             label = self.title if self.unit is None else f"{self.title} [{self.unit}]"
             axes.figure.colorbar(picture, ax=axes, label=label)

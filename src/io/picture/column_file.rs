@@ -98,10 +98,7 @@ pub fn column_colours(
 /// Returns the scale and the colour map of a column density.
 ///
 /// - `scale`: the scale, if it was asked for.
-pub(crate) fn column_look(
-    column: &ColumnImage,
-    scale: Option<ScaleName>,
-) -> (ScaleName, &'static str) {
+pub fn column_look(column: &ColumnImage, scale: Option<ScaleName>) -> (ScaleName, &'static str) {
     match (has_signs(column), scale) {
         (true, Some(ScaleName::Log)) => (ScaleName::Log, "viridis"),
         (true, scale) => (scale.unwrap_or(ScaleName::Linear), "coolwarm"),

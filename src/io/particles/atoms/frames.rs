@@ -44,7 +44,7 @@ enum Which {
     All,
     /// All; the rows of the first are parsed.
     AllWithFirst,
-    /// Those up to this one, whose rows are parsed.
+    /// The frames up to this one, whose rows are parsed.
     UpTo(usize),
 }
 
