@@ -65,11 +65,11 @@ struct Purpose {
     indices: bool,
     shapes: bool,
     transfer: Option<TransferChoice>,
-    /// What columns sum; `None` for pictures.
+    /// The quantity that columns sum; `None` for pictures.
     summed: Option<Summed>,
 }
 
-/// What columns sum.
+/// A quantity that columns sum.
 #[derive(Clone, PartialEq)]
 enum Summed {
     /// Mass where it is known, else the field that is shown.
@@ -899,12 +899,7 @@ impl Renderer {
             let mut settings = ColumnSettings {
                 smoothing: ready.smoothing,
                 slice: through,
-                // The images in a periodic box make up for what its faces would cut.
-                clip: if through.is_some() {
-                    settings.clip
-                } else {
-                    clip
-                },
+                clip,
                 task: Some(task.clone()),
                 ..settings
             };
@@ -918,7 +913,8 @@ impl Renderer {
                     Backend::Auto if renderer.suits_cpu(&camera, 1) => Backend::Cpu,
                     backend => backend,
                 };
-                let mut means = ColumnMeans::new(&weights.volumes, &fields.volumes, on)?;
+                let mut means =
+                    ColumnMeans::new(&weights.volumes, &fields.volumes, slice.is_some())?.on(on)?;
                 column = means.draw(&column, &camera, &settings)?;
                 title = fields.title();
             }

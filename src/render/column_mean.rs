@@ -23,48 +23,54 @@ pub(crate) const REACH: f32 = 3.0;
 pub struct ColumnMeans {
     /// Numerators: weight times field.
     sums: Renderer,
-    /// Counts the kernels within [`REACH`] of each pixel's ray: a pixel gets a mean if there are any.
-    places: Renderer,
+    /// Counts the kernels within [`REACH`] of each pixel's ray: a pixel gets a mean if there are any. `None` for slices, which
+    /// have weights only where kernels count.
+    places: Option<Renderer>,
 }
 
 impl ColumnMeans {
-    /// Makes the scenes of a mean.
+    /// Makes the scenes of a mean, on the CPU.
     ///
     /// - `weights`: the volumes of the scene whose columns are the weights.
     /// - `fields`: the same volumes with the values of the field.
-    /// - `on`: chooses the back end of a scene.
+    /// - `is_slice`: whether the mean is drawn on a plane.
     ///
     /// # Errors
-    /// Volumes of different particles, or without a value for each; weights below 0; errors of scenes and back ends.
-    pub fn new(
-        weights: &[PointVolume],
-        fields: &[PointVolume],
-        on: impl Fn(&Renderer) -> Backend,
-    ) -> Result<Self> {
+    /// Volumes of different particles, or without a value for each; weights below 0; errors of scenes.
+    pub fn new(weights: &[PointVolume], fields: &[PointVolume], is_slice: bool) -> Result<Self> {
         if weights.len() != fields.len() {
             let (expected, found) = (weights.len().to_string(), fields.len().to_string());
-            return Err(Error::invalid(
-                MEAN,
-                "volumes",
-                expected,
-                found,
-                "give the same volumes",
-            ));
+            let advice = "give the same volumes";
+            return Err(Error::invalid(MEAN, "volumes", expected, found, advice));
         }
         let options = SceneOptions {
             level_of_detail: false,
             ..SceneOptions::default()
         };
-        let opened = |volumes: Vec<PointVolume>| {
-            let renderer = Renderer::with_options(volumes, &options)?;
-            let backend = on(&renderer);
-            renderer.on(backend.open()?)
-        };
+        let made = |volumes: Vec<PointVolume>| Renderer::with_options(volumes, &options);
         let weighed = weights.iter().zip(fields);
         let weighed = weighed.map(|(volume, of_field)| times(volume, of_field));
+        let counted = (!is_slice).then(|| weights.iter().map(places).collect());
         Ok(Self {
-            sums: opened(weighed.collect::<Result<_>>()?)?,
-            places: opened(weights.iter().map(places).collect())?,
+            sums: made(weighed.collect::<Result<_>>()?)?,
+            places: counted.map(made).transpose()?,
+        })
+    }
+
+    /// Draws on other back ends.
+    ///
+    /// - `choose`: chooses the back end of a scene.
+    ///
+    /// # Errors
+    /// The errors of back ends.
+    pub fn on(self, choose: impl Fn(&Renderer) -> Backend) -> Result<Self> {
+        let opened = |renderer: Renderer| {
+            let backend = choose(&renderer);
+            renderer.on(backend.open()?)
+        };
+        Ok(Self {
+            sums: opened(self.sums)?,
+            places: self.places.map(opened).transpose()?,
         })
     }
 
@@ -100,9 +106,9 @@ impl ColumnMeans {
             clip: columns.clip.clone(),
             ..Settings::default()
         };
-        let shown = match columns.slice {
-            Some(_) => None,
-            None => Some(self.places.render(camera, &settings)?),
+        let shown = match &mut self.places {
+            Some(places) => Some(places.render(camera, &settings)?),
+            None => None,
         };
         Ok(quotient(sums, weights, shown))
     }

@@ -20,7 +20,7 @@ use crate::command::legend::column_title;
 use crate::command::progress::note;
 use crate::command::statistics::{Prepared, stats};
 
-/// What columns are drawn of.
+/// The scene of columns, and what goes with it.
 pub(in crate::command) struct Columns<'a> {
     pub(in crate::command) renderer: &'a mut Renderer,
     /// Names of the shown fields, one for each input.
@@ -80,12 +80,12 @@ impl Arguments {
         };
         let is_mean = mean.is_some();
         let on = |renderer: &Renderer| self.backend(renderer, &camera);
-        let means = mean.map(|mean| ColumnMeans::new(&mean.weights, &mean.fields, on));
-        let mut means = means.transpose()?;
-        let mut column = match &mut means {
-            None => renderer.column().clone(),
-            Some(means) => means.draw(renderer.column(), &camera, &settings)?,
+        let mut means = mean.map(|mean| mean.means.on(on)).transpose()?;
+        let mut shown = |weights: &ColumnImage, camera: &Camera| match &mut means {
+            None => Ok(weights.clone()),
+            Some(means) => means.draw(weights, camera, &settings),
         };
+        let mut column = shown(renderer.column(), &camera)?;
         let look = self.column_look();
         let mut colours = column_colours(&column, look.map, look.range, look.scale)?;
         let bar = |colours: &Option<TransferFunction>| -> Vec<ColourBar> {
@@ -99,13 +99,11 @@ impl Arguments {
         };
         // A window whose shape the rest of the picture does not have stays under the bar.
         let beside = (room_px > 0).then(|| beside(room_px)).and_then(Result::ok);
-        if let Some(beside) = beside {
+        // A camera that was given leaves no room.
+        if let Some(beside) = beside.filter(|beside| *beside != camera) {
             camera = beside;
             renderer.column_density(&camera, &settings)?;
-            column = match &mut means {
-                None => renderer.column().clone(),
-                Some(means) => means.draw(renderer.column(), &camera, &settings)?,
-            };
+            column = shown(renderer.column(), &camera)?;
             colours = column_colours(&column, look.map, look.range, look.scale)?;
         }
         progress.set_message("writing");

@@ -4,6 +4,7 @@
 //! The weight is the quantity that the columns integrate: the mass, if it is known.
 
 use crate::Result;
+use crate::render::ColumnMeans;
 use crate::sample::SampleOptions;
 use crate::scene::PointVolume;
 use indicatif::ProgressBar;
@@ -11,36 +12,36 @@ use indicatif::ProgressBar;
 use crate::command::input::DataOptions;
 use crate::load::Input;
 
-/// Volumes from which the columns of a mean are drawn.
+/// A mean along rays.
 pub(crate) struct ColumnMean {
     /// Name of the field in a legend.
     pub(crate) title: String,
-    /// The volumes whose columns are the weights.
-    pub(crate) weights: Vec<PointVolume>,
-    /// The same volumes with the values of the field.
-    pub(crate) fields: Vec<PointVolume>,
+    pub(crate) means: ColumnMeans,
 }
 
-/// Returns the volumes of a mean.
-///
-/// # Errors
-/// The errors of loading; a field that is absent.
-pub(crate) fn weighed(
-    data: &DataOptions,
-    inputs: &[Input],
-    (volumes, field): (&[PointVolume], &str),
-    options: &SampleOptions,
-    progress: &ProgressBar,
-) -> Result<ColumnMean> {
-    let options = SampleOptions {
-        field: Some(field.into()),
-        ..options.clone()
-    };
-    let scene = data.scene(inputs, &options, &|_, _| Ok(Vec::new()), progress)?;
-    let mut titles = scene.titles.into_iter().flatten();
-    Ok(ColumnMean {
-        title: titles.next().unwrap_or_else(|| field.to_owned()),
-        weights: volumes.to_vec(),
-        fields: scene.volumes,
-    })
+impl ColumnMean {
+    /// Loads a field, and makes the scenes of its mean.
+    ///
+    /// - `is_slice`: whether the mean is drawn on a plane.
+    ///
+    /// # Errors
+    /// The errors of loading, and of [`ColumnMeans::new`].
+    pub(crate) fn new(
+        data: &DataOptions,
+        inputs: &[Input],
+        (volumes, field, is_slice): (&[PointVolume], &str, bool),
+        options: &SampleOptions,
+        progress: &ProgressBar,
+    ) -> Result<Self> {
+        let options = SampleOptions {
+            field: Some(field.into()),
+            ..options.clone()
+        };
+        let scene = data.scene(inputs, &options, &|_, _| Ok(Vec::new()), progress)?;
+        let mut titles = scene.titles.into_iter().flatten();
+        Ok(Self {
+            title: titles.next().unwrap_or_else(|| field.to_owned()),
+            means: ColumnMeans::new(volumes, &scene.volumes, is_slice)?,
+        })
+    }
 }

@@ -2,7 +2,6 @@
 
 use std::time::Instant;
 
-use super::column_mean;
 use super::column_mean::ColumnMean;
 use super::options::Arguments;
 use crate::collective::{Alone, Collective};
@@ -91,9 +90,10 @@ impl Arguments {
         let mean = match &self.method.column_mean {
             None => None,
             Some(field) => {
-                let of = (scene.volumes.as_slice(), field.as_str());
+                let is_slice = self.method.slice.is_some();
+                let of = (scene.volumes.as_slice(), field.as_str(), is_slice);
                 let (data, inputs) = (&self.data, &self.inputs);
-                Some(column_mean::weighed(data, inputs, of, options, progress)?)
+                Some(ColumnMean::new(data, inputs, of, options, progress)?)
             }
         };
         let read_ms = read_start.elapsed().as_secs_f64() * 1e3;
