@@ -461,3 +461,66 @@ fn columns_of_smoothing_lengths_are_those_of_their_kernel() {
     );
     assert!(row(&numbers(&at.join("m.npy")), 4) > 1e-5);
 }
+
+#[test]
+fn slices_are_densities_on_a_plane() {
+    let folder = tempfile::tempdir().unwrap();
+    let table = "x,y,z,h,m,t\n0,0,0,1,2,7\n";
+    std::fs::write(folder.path().join("p.csv"), table).unwrap();
+    let middle = |more: &[&str]| {
+        draw(folder.path(), &[more, &["--out", "s.npy"]].concat());
+        numbers(&folder.path().join("s.npy"))[16 * 33 + 16]
+    };
+    // The cubic spline is 1/pi in its middle, and 1/(4 pi) at h.
+    let pi = std::f32::consts::PI;
+    for (plane, expected) in [("z=0", 2.0 / pi), ("x=1", 0.5 / pi), ("y=-2.1", 0.0)] {
+        let found = middle(&["--slice", plane]);
+        assert!((found - expected).abs() < 1e-5, "{plane}: {found}");
+    }
+    let gaussian = middle(&["--slice", "z=0", "--kernel", "gaussian"]);
+    // The spline's variance is .3 h².
+    assert!(
+        (gaussian - 2.0 / (0.6 * pi).powf(1.5)).abs() < 1e-4,
+        "{gaussian}"
+    );
+    let mean = middle(&["--slice", "z=0.5", "--column-mean", "t"]);
+    assert!((mean - 7.0).abs() < 1e-5, "{mean}");
+    assert!(middle(&["--slice", "z=3", "--column-mean", "t"]).is_nan());
+    // A periodic box ends at its faces, and lets kernels in at the opposite ones.
+    let boxed = ["--periodic", "5", "--window=-1,6,-1,6", "--slice"];
+    let near = middle(&[&boxed[..], &["z=4.5"]].concat());
+    assert!(near == 0.0, "far from the particle: {near}");
+    let image = numbers(&folder.path().join("s.npy"));
+    let at = |x: f32, y: f32| {
+        image[(((6.0 - y) / 7.0 * 33.0) as usize) * 33 + ((x + 1.0) / 7.0 * 33.0) as usize]
+    };
+    assert!(at(4.6, 0.4) > 0.0 && at(0.4, 0.4) > 0.0);
+    assert!(at(-0.4, 0.4) == 0.0 && at(5.4, 0.4) == 0.0);
+    for plane in ["w=1", "z=nan", "z", "-z=1"] {
+        let all = [
+            "render",
+            "p.csv",
+            "--column-density",
+            "--slice",
+            plane,
+            "--out",
+            "s.npy",
+        ];
+        let refused = run(folder.path(), &all);
+        assert!(text(&refused.stderr).contains("such as z=0.5"), "{plane}");
+    }
+    for more in [["--along", "x"], ["--low-pass", "1"], ["--backend", "gpu"]] {
+        let all = [
+            "render",
+            "p.csv",
+            "--column-density",
+            "--slice",
+            "z=0",
+            "--out",
+            "s.npy",
+        ];
+        let refused = run(folder.path(), &[&all[..], &more].concat());
+        assert!(!refused.status.success(), "{more:?}");
+        assert!(text(&refused.stderr).contains(more[0]), "{more:?}");
+    }
+}

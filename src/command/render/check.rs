@@ -89,9 +89,16 @@ impl Arguments {
         }
     }
 
-    /// Refuses a camera that does not look at a slice from the front.
+    /// Refuses a camera that does not look at a slice from the front, and a back end that draws none.
     fn check_slice(&self) -> Result<()> {
         match &self.method.slice {
+            Some(_) if self.backend == BackendName::Gpu => Err(Error::invalid(
+                "--slice",
+                "--backend",
+                "cpu, which draws slices",
+                "gpu",
+                "leave --backend out",
+            )),
             Some(slice) if self.camera.looks_beside(slice.along) => Err(Error::invalid(
                 "--slice",
                 "--along",

@@ -196,7 +196,7 @@ pub(in crate::command) struct Method {
     /// sum of the kernels at the pixels' centres, or with --column-mean the mean there
     #[arg(long, value_name = "AXIS=V", value_parser = parse::slice, allow_hyphen_values = true, requires = "column_density",
           conflicts_with_all = ["eye", "camera", "azimuth", "elevation", "up", "fov", "mpi", "filter", "thresholds",
-                                "low_pass", "tolerance", "backend"])]
+                                "low_pass", "tolerance"])]
     pub(in crate::command) slice: Option<parse::SlicePlane>,
 }
 
