@@ -180,13 +180,14 @@ fn in_words(
         );
     };
     let scale = colours.value_scale();
-    let of = match scale {
-        ValueScale::Linear | ValueScale::Shifted { .. } => "",
-        ValueScale::Log => "log10 of ",
-        ValueScale::Symlog { .. } => "a symmetric logarithm of ",
+    // Logarithms would round the ends.
+    let (of, own) = match scale {
+        ValueScale::Linear | ValueScale::Shifted { .. } => ("", None),
+        ValueScale::Log => ("log10 of ", column.shown_range()),
+        ValueScale::Symlog { .. } => ("a symmetric logarithm of ", None),
     };
-    let own = colours.range().map(|end| narrowed(scale.value(end)));
-    let [least, greatest] = look.range.unwrap_or(own);
+    let ends = || colours.range().map(|end| narrowed(scale.value(end)));
+    let [least, greatest] = look.range.or(own).unwrap_or_else(ends);
     let map = look.map.unwrap_or(column_look(column, look.scale).1);
     format!("colours: {map} over {of}{what}, from {least:e} to {greatest:e}")
 }
