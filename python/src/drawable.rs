@@ -197,16 +197,15 @@ impl Drawable {
         fields: Vec<Field>,
         options: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Self> {
+        let said = sample_options(options)?;
+        let mut dataset = Dataset::new(what.as_ref(), what, geometry, fields);
+        said.set_units(&mut dataset);
         let Said {
             options,
             up,
-            unit,
             around,
-        } = sample_options(options)?;
-        let mut dataset = Dataset::new(what.as_ref(), what, geometry, fields);
-        if let Some(field) = dataset.fields.first_mut() {
-            field.unit = unit;
-        }
+            ..
+        } = said;
         let dataset = detached(py, || dataset.validate().map(|()| dataset));
         let dataset = dataset.map_err(|error| exception(&error))?;
         if around.is_some() && is_surface(&dataset) {
@@ -755,7 +754,10 @@ impl Drawable {
 }
 
 /// Makes a drawable of data sets. A field that one data set lacks may be in another.
-fn of_sets(sets: Vec<Dataset>, said: &Said) -> PyResult<Drawable> {
+fn of_sets(mut sets: Vec<Dataset>, said: &Said) -> PyResult<Drawable> {
+    for set in &mut sets {
+        said.set_units(set);
+    }
     let Said {
         options,
         up,

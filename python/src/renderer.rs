@@ -16,8 +16,8 @@ use ewa_splat::reference::{DataIntegrator, Integrator, ReferenceFrame, Reference
 use ewa_splat::render::ColumnMeans;
 use ewa_splat::sample::mesh::Spread;
 use ewa_splat::sample::{
-    BoundaryChoice, FunctionOptions, KernelOptions, PeriodicBox, PurposeOptions, SampleOptions,
-    TransferChoice, as_surface, common_smoothing, field_choices, is_surface,
+    BoundaryChoice, FunctionOptions, KernelOptions, MeanPart, PeriodicBox, PurposeOptions,
+    SampleOptions, TransferChoice, as_surface, common_smoothing, field_choices, is_surface,
 };
 use ewa_splat::scene::{PointVolume, TransferDefaults, TransferFunction, Values};
 use ewa_splat::view::{Along, Bounds, Camera, ClipPlane, DEFAULT_FOV_DEG, Lens};
@@ -58,7 +58,7 @@ struct State {
 #[derive(Clone, PartialEq)]
 struct Purpose {
     for_columns: bool,
-    for_means: bool,
+    mean: MeanPart,
     normals: bool,
     models: bool,
     detail: bool,
@@ -90,9 +90,11 @@ impl Summed {
     }
 
     /// Returns the field of a source that makes columns sum this.
-    fn field(&self, source: &Source) -> Result<Option<String>> {
+    fn field(&self, source: &Source, mean: MeanPart) -> Result<Option<String>> {
         match (self, source.masses()) {
             (Self::Field(name), _) => Ok(Some(name.clone())),
+            // Masses that columns sum by themselves are a field by the name of their column.
+            (Self::Mass, Some(None)) if mean == MeanPart::Field => Ok(Some("mass".into())),
             (_, Some(masses)) => Ok(masses),
             (Self::Known, None) => Ok(source.options.field.clone()),
             (Self::Mass, None) => Err(Error::invalid(
@@ -245,11 +247,11 @@ impl State {
                 },
                 field: match &purpose.summed {
                     None => own.field,
-                    Some(summed) => summed.field(source)?,
+                    Some(summed) => summed.field(source, purpose.mean)?,
                 },
                 purpose: PurposeOptions {
                     for_columns: purpose.for_columns,
-                    for_means: purpose.for_means,
+                    mean: purpose.mean,
                     normals: purpose.normals && own.flatten.is_none(),
                     local_models: purpose.models || own.flatten.is_some(),
                     keeps_value_sample: count > 1 && !purpose.for_columns,
@@ -431,7 +433,7 @@ impl State {
         let by_extent = settings.classify == ewa_splat::Classification::Extent;
         Purpose {
             for_columns: false,
-            for_means: false,
+            mean: MeanPart::None,
             summed: None,
             normals: drawing.is_lit && !is_post_classified(settings),
             models: by_extent || slabs,
@@ -854,7 +856,10 @@ impl Renderer {
             let mut state = self.lock(task)?;
             let purpose = Purpose {
                 for_columns: true,
-                for_means: mean.is_some(),
+                mean: match mean {
+                    Some(_) => MeanPart::Weights,
+                    None => MeanPart::None,
+                },
                 summed: Some(Summed::of(of)),
                 normals: false,
                 models: false,
@@ -886,7 +891,8 @@ impl Renderer {
                 None => None,
                 Some(field) => {
                     let of_field = Purpose {
-                        summed: Some(Summed::Field(field.clone())),
+                        summed: Some(Summed::of(Some(field.clone()))),
+                        mean: MeanPart::Field,
                         ..purpose.clone()
                     };
                     let weights = state.sample(&purpose, &of_boxes, &clip, task)?;

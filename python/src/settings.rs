@@ -1,7 +1,9 @@
 //! Converts keyword arguments to the library's options. Unknown arguments are refused by name.
 
+use std::collections::HashMap;
+
 use ewa_splat::io::{
-    LengthMeaning, OpenOptions, ParticleType, RawLayout, RawType, ReadAs, ScaleMeaning, SphKernel,
+    Dataset, LengthMeaning, OpenOptions, ParticleType, RawLayout, RawType, ReadAs, ScaleMeaning, SphKernel,
     StepChoice,
 };
 use ewa_splat::render::{Advanced, Blend, Classification, Order};
@@ -119,10 +121,32 @@ pub(crate) struct Said {
     pub(crate) options: SampleOptions,
     /// Direction up.
     pub(crate) up: Option<DVec3>,
-    /// Unit of values.
+    /// Unit of the field that is shown.
     pub(crate) unit: Option<String>,
+    /// Units of fields by name.
+    pub(crate) units: HashMap<String, String>,
     /// Opacity of the boundary that is drawn around a volume.
     pub(crate) around: Option<f64>,
+}
+
+impl Said {
+    /// Gives the fields of a data set their units.
+    pub(crate) fn set_units(&self, dataset: &mut Dataset) {
+        for field in &mut dataset.fields {
+            if let Some(unit) = self.units.get(&field.name) {
+                field.unit = Some(unit.clone());
+            }
+        }
+        let Some(unit) = &self.unit else { return };
+        let mut fields = dataset.fields.iter_mut();
+        let shown = match &self.options.field {
+            Some(name) => fields.find(|field| field.name.eq_ignore_ascii_case(name)),
+            None => fields.next(),
+        };
+        if let Some(field) = shown {
+            field.unit = Some(unit.clone());
+        }
+    }
 }
 
 /// Returns the sampling options, with the command line's meanings.
@@ -248,11 +272,13 @@ pub(crate) fn sample_options(dict: Option<&Bound<'_, PyDict>>) -> PyResult<Said>
         })?),
     };
     let unit = said.take("unit")?;
+    let units = said.take("units")?.unwrap_or_default();
     said.end()?;
     Ok(Said {
         options,
         up,
         unit,
+        units,
         around,
     })
 }

@@ -184,6 +184,48 @@ def test_tables_are_particles():
         es.Volume.from_table(HEAT)
 
 
+def test_rows_of_tables_with_missing_numbers_are_left_out():
+    xyz = dict(zip("xyz", POSITIONS.T, strict=True))
+    hidden = np.arange(COUNT) % 5 == 0
+    kept = es.Volume.from_table({name: values[~hidden] for name, values in {**xyz, "heat": HEAT}.items()}, "heat")
+    tables = [{**xyz, "heat": np.ma.masked_array(HEAT, hidden)}]
+    rounded = (HEAT * 10).astype(int)
+    try:
+        import pandas
+
+        whole = pandas.array(rounded, dtype="Int64")
+        whole[hidden] = pandas.NA
+        frame = pandas.DataFrame({**xyz, "heat": whole})
+        assert es.Volume.from_table(frame, "heat").report.left_out == hidden.sum()
+    except ImportError:
+        pass
+    try:
+        import astropy.table
+        import astropy.units as u
+
+        tables.append(astropy.table.Table({**xyz, "heat": np.ma.masked_array(HEAT, hidden)}, masked=True))
+        units = astropy.table.QTable(xyz)
+        units["heat"] = astropy.utils.masked.Masked(HEAT * u.K, mask=hidden)
+        tables.append(units)
+        assert es.Volume.from_table(units, "heat").report.unit == "K"
+        again = pickle.loads(pickle.dumps(es.Volume.from_table(units)))
+        assert again.showing("heat").report.unit == "K"
+    except ImportError:
+        pass
+    for own in tables:
+        volume = es.Volume.from_table(own, "heat")
+        assert (volume.report.left_out, volume.report.particles) == (hidden.sum(), kept.report.particles)
+        assert volume.report.value_range == kept.report.value_range
+
+
+def test_means_of_masses_are_of_masses():
+    # The mean of a field that is 2 everywhere is 2, that of masses of 2 as well: their density is none of it.
+    volume = es.Volume.from_points(POSITIONS, HEAT, radius=SIGMAS, mass=np.full(COUNT, 2.0), name="heat")
+    for at in (None, 0.5):
+        mean = es.Renderer(volume, backend="cpu").column_mean("mass", CAMERA, (SIDE, SIDE), slice=at).values
+        assert np.isfinite(mean).any() and np.nanmax(np.abs(mean - 2.0)) < 1e-5
+
+
 def test_things_are_pickled(tmp_path):
     x, y, z = np.mgrid[-1:1:6j, -1:1:7j, -1:1:8j]
     values = x + 2 * y * z

@@ -16,6 +16,9 @@ use crate::view::{Camera, ClipPlane};
 /// Rows of the image that are summed together.
 const BAND_ROWS: usize = 16;
 
+/// Kernels whose sections are kept at a time: 64 MB, with the edges of each.
+const BATCH: usize = 1 << 18;
+
 /// The plane of a slice, and what is drawn on it.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Plane<'a> {
@@ -70,45 +73,42 @@ struct Section {
 /// Cancelled.
 pub(crate) fn slice(scene: &BlockedScene, plane: &Plane<'_>) -> Result<Slice> {
     let (width, height) = (plane.camera.width, plane.camera.height);
-    let mut sum = Slice::default();
-    let mut sections = Vec::new();
+    let mut sum = Slice {
+        values: vec![0.0; width * height],
+        ..Slice::default()
+    };
     for volume in scene.data() {
-        check(plane.task)?;
-        let blocks = volume.blocks.len() as u32;
-        let found: Vec<Found> = (0..blocks)
-            .into_par_iter()
-            .filter(|&block| plane.reaches(volume, block))
-            .map(|block| plane.sections(volume, block))
-            .collect();
-        for mut of_block in found {
-            sum.flat += of_block.flat;
-            sections.append(&mut of_block.sections);
+        let blocks = 0..volume.blocks.len() as u32;
+        let reached: Vec<u32> = blocks.filter(|&b| plane.reaches(volume, b)).collect();
+        for batch in batches(&reached, |block| volume.blocks[block as usize].count) {
+            check(plane.task)?;
+            let found: Vec<Found> = batch
+                .par_iter()
+                .map(|&block| plane.sections(volume, block))
+                .collect();
+            plane.add(&mut sum, &found);
         }
     }
-    sum.cut = sections.len();
-    let is_narrow = |section: &&Section| section.reach_px.min_element() < 0.5;
-    sum.narrow = sections.iter().filter(is_narrow).count();
-    let mut bands = vec![Vec::new(); height.div_ceil(BAND_ROWS)];
-    for (i, section) in sections.iter().enumerate() {
-        let rows = pixels(section.middle_px.y, section.reach_px.y, height);
-        if !rows.is_empty() {
-            for band in &mut bands[rows.start / BAND_ROWS..=(rows.end - 1) / BAND_ROWS] {
-                band.push(i as u32);
-            }
-        }
-    }
-    check(plane.task)?;
-    let kernel = plane.smoothing.map(RoundKernel::new);
-    sum.values = vec![0.0; width * height];
-    let rows = sum.values.par_chunks_mut((BAND_ROWS * width).max(1));
-    rows.zip(&bands).enumerate().for_each(|(n, (rows, band))| {
-        for &i in band {
-            sections[i as usize].add(rows, [width, n * BAND_ROWS], kernel.as_ref());
-        }
-    });
     check(plane.task)?;
     plane.clip_rows(&mut sum.values);
     Ok(sum)
+}
+
+/// Divides blocks into runs of about [`BATCH`] kernels.
+///
+/// - `kernels`: returns the number of kernels of a block.
+fn batches(blocks: &[u32], kernels: impl Fn(u32) -> u32) -> Vec<&[u32]> {
+    let (mut batches, mut first, mut held) = (Vec::new(), 0, 0);
+    for (i, &block) in blocks.iter().enumerate() {
+        let count = kernels(block) as usize;
+        if held > 0 && held + count > BATCH {
+            batches.push(&blocks[first..i]);
+            (first, held) = (i, 0);
+        }
+        held += count;
+    }
+    batches.push(&blocks[first..]);
+    batches
 }
 
 /// Sections of a block's kernels.
@@ -119,6 +119,30 @@ struct Found {
 }
 
 impl Plane<'_> {
+    /// Adds the sections of kernels to the sums.
+    fn add(&self, sum: &mut Slice, found: &[Found]) {
+        let (width, height) = (self.camera.width, self.camera.height);
+        let mut bands = vec![Vec::new(); height.div_ceil(BAND_ROWS)];
+        for section in found.iter().flat_map(|of_block| &of_block.sections) {
+            sum.cut += 1;
+            sum.narrow += usize::from(section.reach_px.min_element() < 0.5);
+            let rows = pixels(section.middle_px.y, section.reach_px.y, height);
+            if !rows.is_empty() {
+                for band in &mut bands[rows.start / BAND_ROWS..=(rows.end - 1) / BAND_ROWS] {
+                    band.push(section);
+                }
+            }
+        }
+        sum.flat += found.iter().map(|of_block| of_block.flat).sum::<usize>();
+        let kernel = self.smoothing.map(RoundKernel::new);
+        let rows = sum.values.par_chunks_mut((BAND_ROWS * width).max(1));
+        rows.zip(&bands).enumerate().for_each(|(n, (rows, band))| {
+            for section in band {
+                section.add(rows, [width, n * BAND_ROWS], kernel.as_ref());
+            }
+        });
+    }
+
     /// Returns the depth of the plane in camera space.
     fn depth(&self) -> f64 {
         self.camera.camera_point(self.through).z

@@ -81,7 +81,7 @@ pub(crate) use self::function::function_of_file;
 pub(crate) use self::function::summed_function;
 use self::options::check_options;
 pub use self::options::{
-    BoundaryChoice, FunctionOptions, KernelOptions, MOST_SHEPARD_PASSES, ParticleShape,
+    BoundaryChoice, FunctionOptions, KernelOptions, MOST_SHEPARD_PASSES, MeanPart, ParticleShape,
     PurposeOptions, SampleOptions, TransferChoice,
 };
 pub use self::points::accuracy_warnings::accuracy_warnings;

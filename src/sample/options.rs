@@ -108,9 +108,8 @@ pub struct PurposeOptions {
     /// True for column densities. Particles with nothing but positions then show their number density, whose
     /// columns count particles, instead of its logarithm.
     pub for_columns: bool,
-    /// True if columns of particles are to weigh a mean. If no field is named, the columns then sum masses, a
-    /// density or the number of particles, whichever is known first.
-    pub for_means: bool,
+    /// The part of a mean that columns serve.
+    pub mean: MeanPart,
     /// True for volumes that are to be lit. Each sample then stores the direction of its field's gradient
     /// ([`PointVolume::normals`]), four bytes.
     pub normals: bool,
@@ -120,6 +119,19 @@ pub struct PurposeOptions {
     /// True to keep in the report the values from which an automatic transfer function is chosen
     /// ([`SampleReport::value_sample`](super::SampleReport::value_sample)), for one function of several data sets.
     pub keeps_value_sample: bool,
+}
+
+/// The part that columns of particles have in a mean along rays: the sum of weight x field over the sum of weights.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum MeanPart {
+    /// None: columns are drawn by themselves.
+    #[default]
+    None,
+    /// The weights. If no field is named, the columns sum masses, a density or the number of particles, whichever is
+    /// known first.
+    Weights,
+    /// The field. Masses that are named are then values as others, whereas columns of them are those of the density.
+    Field,
 }
 
 /// Treatment of data at the boundary of their domain.
@@ -211,7 +223,7 @@ impl Default for PurposeOptions {
     fn default() -> Self {
         Self {
             for_columns: false,
-            for_means: false,
+            mean: MeanPart::None,
             normals: false,
             local_models: true,
             keeps_value_sample: false,

@@ -106,6 +106,13 @@ fn means_are_weighed_by_masses_and_never_by_signed_fields() {
     write("x,y,z,h,mass,v\n0,0,0,1,3,1\n0,0,0,1,1,-1\n");
     let mean = middle(&["--column-mean", "v"]);
     assert!((mean - 0.5).abs() < 1e-5, "{mean}");
+    // The mean of the masses themselves is that of their column, not of a density.
+    write("x,y,z,h,m,density,v\n0,0,0,1,3,1,1\n0,0,0,1,1,7,-1\n");
+    let mean = middle(&["--column-mean", "m"]);
+    assert!((mean - 2.5).abs() < 1e-5, "{mean}");
+    write("x,y,z,h,mass,v\n0,0,0,1,3,1\n0,0,0,1,1,-1\n");
+    let mean = middle(&["--column-mean", "mass"]);
+    assert!((mean - 2.5).abs() < 1e-5, "{mean}");
     let command = "render p.csv --column-density --field v --column-mean mass --out m.npy";
     let refused = run(folder.path(), &command.split(' ').collect::<Vec<_>>());
     let said = text(&refused.stderr);

@@ -33,12 +33,19 @@ def numbers(data: object, name: str) -> NDArray[Any]:
     """
     plain, _ = strip_unit(data)
     data = plain
+    if hasattr(data, "unmasked") and hasattr(data, "mask"):
+        # Masked quantities of astropy.
+        data = np.ma.masked_array(np.asarray(data.unmasked), np.asarray(data.mask))
     if isinstance(data, np.ma.MaskedArray):
         if np.ma.is_masked(data):
             masked: Any = data.astype(np.float32 if data.dtype in KEPT else np.float64)
             data = masked.filled(np.nan)
         else:
             data = data.data
+    kind = getattr(getattr(data, "dtype", None), "kind", None)
+    if hasattr(data, "isna") and kind in ("b", "u", "i", "f") and data.isna().any():
+        # Columns of pandas with missing numbers.
+        data = data.to_numpy(dtype=np.float64, na_value=np.nan)
     if not isinstance(data, np.ndarray) and hasattr(data, "__dlpack__"):
         data = np.from_dlpack(data)
     try:

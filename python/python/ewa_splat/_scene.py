@@ -283,7 +283,8 @@ class Volume(Drawable):
         table
             A data frame of pandas, a table of astropy, a structured array, or a dictionary of arrays. Columns mean what
             their names say, as in CSV files: x, y and z are positions, h, radius or sigma lengths, m masses, and others
-            fields. Columns that are no numbers are left out. Lengths with units are converted to that of x.
+            fields. Columns that are no numbers are left out. Lengths with units are converted to that of x. Rows with
+            masked or missing numbers are left out where these are needed.
         field
             Column to show.
         **options
@@ -297,16 +298,20 @@ class Volume(Drawable):
         names = [str(name) for name in _column_names(table)]
         first = next((name for name in names if name.lower() == "x"), None)
         columns: dict[str, NDArray[Any]] = {}
-        unit = None
+        units: dict[str, str] = {}
         for name, key in zip(names, _column_names(table), strict=True):
             column = table[key]
             if first is not None and name.lower() in _POWERS:
                 column = in_unit_of(column, table[first], _POWERS[name.lower()])
-            if name == field:
-                unit = unit_text(column)
-            array = np.asarray(strip_unit(column)[0])
-            if array.ndim == 1 and array.dtype.kind in "biuf":
+            try:
+                array = _arrays.numbers(column, name)
+            except TypeError:
+                continue
+            if array.ndim == 1:
                 columns[name] = array.astype(np.uint8) if array.dtype.kind == "b" else array
+                text = unit_text(column)
+                if text is not None:
+                    units[name] = text
         counts = {len(array) for array in columns.values()}
         if len(counts) != 1:
             raise ValueError(f"table: expected columns of one length, found {', '.join(map(str, sorted(counts))) or 'none'}")
@@ -318,7 +323,7 @@ class Volume(Drawable):
         said = sampling(dict(options))
         if field is not None:
             said["field"] = field
-            said.setdefault("unit", unit)
+        said["units"] = units
         made = ("read", said)
         return cls(_core.Drawable.read("table.npy", packed.getvalue(), said, {}), None, made)
 

@@ -5,7 +5,7 @@
 
 use crate::Result;
 use crate::render::ColumnMeans;
-use crate::sample::SampleOptions;
+use crate::sample::{MeanPart, PurposeOptions, SampleOptions};
 use crate::scene::PointVolume;
 use indicatif::ProgressBar;
 
@@ -35,6 +35,10 @@ impl ColumnMean {
     ) -> Result<Self> {
         let options = SampleOptions {
             field: Some(field.into()),
+            purpose: PurposeOptions {
+                mean: MeanPart::Field,
+                ..options.purpose
+            },
             ..options.clone()
         };
         let scene = data.scene(inputs, &options, &|_, _| Ok(Vec::new()), progress)?;

@@ -9,7 +9,7 @@ use crate::command::parse::Background;
 use crate::command::truth::ReferenceName;
 use crate::image::DARK_GREY;
 use crate::render::{Advanced, Blend, Classification, Composite, Order};
-use crate::sample::{PeriodicBox, PurposeOptions, Refinement, SampleOptions};
+use crate::sample::{MeanPart, PeriodicBox, PurposeOptions, Refinement, SampleOptions};
 use crate::scene::{Lighting, ScaleName};
 use crate::view::{Along, Camera, ClipPlane};
 use crate::{Backend, ColumnSettings, Filter, Renderer, SceneOptions, Settings, Show, Task};
@@ -30,7 +30,10 @@ impl Arguments {
         SampleOptions {
             purpose: PurposeOptions {
                 for_columns: self.method.column_density,
-                for_means: self.method.column_mean.is_some(),
+                mean: match self.method.column_mean {
+                    Some(_) => MeanPart::Weights,
+                    None => MeanPart::None,
+                },
                 normals: self.asks_normals(),
                 local_models: self.asks_models(),
                 ..PurposeOptions::default()

@@ -40,8 +40,7 @@ use crate::math::ExactSum;
 use crate::sample::field::field_choice::FieldChoice;
 use crate::sample::function::{keep, under_function};
 #[cfg(feature = "prepared")]
-use crate::sample::options::ParticleShape;
-use crate::sample::options::{SampleOptions, TransferChoice};
+use crate::sample::options::{MeanPart, ParticleShape, SampleOptions, TransferChoice};
 use crate::sample::positions::{index_u32, mean_spacing};
 use crate::sample::report::SampleReport;
 use crate::sample::sampled::Sampled;
@@ -231,7 +230,7 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>
     // The field: the named one, or a default one if masses are classified.
     let wanted = match &options.field {
         Some(name) => Some(name.clone()),
-        None if is_classified && options.purpose.for_means => {
+        None if is_classified && options.purpose.mean == MeanPart::Weights => {
             match columns.get(columns.names().1)? {
                 Some(_) => None,
                 None => columns.default_field(false, preferred),
@@ -246,6 +245,7 @@ fn of_some(mut dataset: Dataset, options: &SampleOptions, part: Option<Part<'_>>
     // If the masses themselves are to be summed, use density, so that columns are of mass.
     let mass_name = columns.names().1;
     let of_masses = options.purpose.for_columns
+        && options.purpose.mean != MeanPart::Field
         && wanted
             .as_deref()
             .is_some_and(|name| name.eq_ignore_ascii_case(mass_name));
