@@ -3,8 +3,8 @@
 use std::collections::HashMap;
 
 use ewa_splat::io::{
-    Dataset, LengthMeaning, OpenOptions, ParticleType, RawLayout, RawType, ReadAs, ScaleMeaning, SphKernel,
-    StepChoice,
+    Dataset, LengthMeaning, OpenOptions, ParticleType, RawLayout, RawType, ReadAs, ScaleMeaning,
+    SphKernel, StepChoice,
 };
 use ewa_splat::render::{Advanced, Blend, Classification, Order};
 use ewa_splat::sample::mesh::Spread;

@@ -28,6 +28,7 @@ use serde_json::{Value, json};
 
 use super::certificate::{certificate, line};
 use super::fewer::{FewerOptions, line as fewer_line};
+use super::fewest::{Splats, fewest};
 use super::input::DataOptions;
 use super::lit::FileLightOptions;
 use super::outputs::check_collisions;
@@ -92,6 +93,8 @@ struct Converted {
     notes: Vec<String>,
     /// Direction up of each input.
     ups: Vec<(PathBuf, Up)>,
+    /// Losses of fewer splats than there were, or null.
+    fewer: Value,
 }
 
 /// Converts the inputs and writes the output.
@@ -131,7 +134,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             let up = dataset.up();
             let dataset = as_surface(dataset, &options)?;
             let light = lighting.as_ref().map(|light| (light, up.direction));
-            converted.add(dataset, &options, light, &bar)?;
+            let is_alone = inputs.len() == 1 && light.is_none();
+            match arguments
+                .fewer
+                .of_mesh(&dataset, &options)?
+                .filter(|_| is_alone)
+            {
+                Some(most) => converted.add_fewest(dataset, &options, most, up.direction)?,
+                None => converted.add(dataset, &options, light, &bar)?,
+            }
             converted.ups.push((path.clone(), up));
             Ok(())
         });
@@ -161,6 +172,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         meshes,
         notes,
         ups,
+        fewer,
         ..
     } = &mut converted;
     let form = if arguments.surfels {
@@ -175,13 +187,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         up: (!arguments.keep_axes).then_some(up.direction),
     };
     let count = arguments.data.count;
-    let mut fewer = Value::Null;
-    if arguments.fewer.merges(count, [meshes.len(), ups.len()])? {
+    let merges = arguments.fewer.merges(count, [meshes.len(), ups.len()])?;
+    if merges && fewer.is_null() {
         bar.set_message("merging splats");
         let merged = arguments
             .fewer
             .merged(take(cloud), count, up.direction, notes);
-        (*cloud, fewer) = merged?;
+        (*cloud, *fewer) = merged?;
         report.splat_count = cloud.positions.len();
         bar.set_message("writing");
     }
@@ -424,6 +436,68 @@ impl Converted {
         }
         self.cloud.append(cloud);
         self.report.append(report);
+        Ok(())
+    }
+}
+
+/// Splats of a mesh alone.
+#[derive(Clone)]
+struct OfMesh {
+    cloud: SplatCloud,
+    report: ConversionReport,
+    summary: Option<Value>,
+}
+
+impl Splats for OfMesh {
+    fn cloud(&self) -> &SplatCloud {
+        &self.cloud
+    }
+}
+
+impl OfMesh {
+    /// Converts a mesh in the colours of its materials.
+    fn new(dataset: Dataset, options: &SampleOptions) -> Result<Self> {
+        let path = dataset.path.clone();
+        let sampled = scene(dataset, options)?;
+        let summary = sampled.report.mesh.as_ref();
+        let summary = summary.map(|mesh| mesh_summary(&path, mesh));
+        let (cloud, report) = splat_cloud(&sampled.volumes).map_err(|e| e.in_file(&path))?;
+        Ok(Self {
+            cloud,
+            report,
+            summary,
+        })
+    }
+}
+
+impl Converted {
+    /// Converts a mesh to the fewest splats with a stated error, and adds them.
+    fn add_fewest(
+        &mut self,
+        dataset: Dataset,
+        options: &SampleOptions,
+        most: f64,
+        up: DVec3,
+    ) -> Result<()> {
+        let Geometry::Mesh(mesh) = &dataset.geometry else {
+            return Ok(());
+        };
+        let all = OfMesh::new(dataset.clone(), options)?;
+        let make = |count: usize| {
+            let mut options = options.clone();
+            options.kernels.spread = Spread::Count(count);
+            OfMesh::new(dataset.clone(), &options)
+        };
+        let (best, fewer) = fewest(mesh, all, most, up, make)?;
+        if fewer["mesh"]["given"].as_f64() > Some(most) {
+            self.notes.push(format!(
+                "--error {most}: all splats are farther from the mesh and are kept; --count or --spacing makes more"
+            ));
+        }
+        self.fewer = fewer;
+        self.meshes.extend(best.summary);
+        self.cloud.append(best.cloud);
+        self.report.append(best.report);
         Ok(())
     }
 }

@@ -9,11 +9,12 @@ use serde_json::{Value, json};
 use super::certificate::{cameras, codes, drawn, psnr, renderer_of};
 use super::parse;
 use crate::constants::SPLAT_FLOOR;
+use crate::data::dataset::{Dataset, Geometry};
 use crate::data::splats::SplatCloud;
 use crate::image::Image;
 use crate::measure::{FLIP_PIXELS_PER_DEGREE, flip};
 use crate::render::Renderer;
-use crate::sample::{fewer_splats, index_u32};
+use crate::sample::{SampleOptions, fewer_splats, index_u32, surface_report};
 use crate::view::Camera;
 use crate::{Error, Result};
 
@@ -25,7 +26,8 @@ const AZIMUTHS_DEG: [f64; 4] = [30.0, 120.0, 210.0, 300.0];
 /// Options for merging splats.
 #[derive(Args)]
 pub(crate) struct FewerOptions {
-    /// Merge splats while 99.9 % of pixels of four pictures change by less (0 to 1)
+    /// Merge splats while 99.9 % of pixels of four pictures change by less (0 to 1); of a mesh alone, take the fewest surfels whose
+    /// pictures differ from the mesh itself by less
     #[arg(long, value_name = "E", value_parser = parse::share, allow_hyphen_values = true, conflicts_with = "count")]
     error: Option<f64>,
     /// When merging splats, keep those that their rule does not draw (below 1/255)
@@ -34,9 +36,9 @@ pub(crate) struct FewerOptions {
 }
 
 /// Pictures of splats from four sides.
-struct Pictures {
-    cameras: Vec<Camera>,
-    images: Vec<Image>,
+pub(super) struct Pictures {
+    pub(super) cameras: Vec<Camera>,
+    pub(super) images: Vec<Image>,
 }
 
 impl Pictures {
@@ -44,7 +46,7 @@ impl Pictures {
     ///
     /// # Errors
     /// The errors of drawing; splats of which nothing is seen.
-    fn of(cloud: SplatCloud, up: DVec3) -> Result<Self> {
+    pub(super) fn of(cloud: SplatCloud, up: DVec3) -> Result<Self> {
         let mut renderer = renderer_of_splats(cloud)?;
         let cameras = cameras(&renderer, up, &AZIMUTHS_DEG);
         if cameras.is_empty() {
@@ -59,8 +61,29 @@ impl Pictures {
     }
 
     /// Draws other splats in the same views.
-    fn again(&self, cloud: SplatCloud) -> Result<Vec<Image>> {
+    pub(super) fn again(&self, cloud: SplatCloud) -> Result<Vec<Image>> {
         drawn(&mut renderer_of_splats(cloud)?, &self.cameras)
+    }
+
+    /// Summarises what pictures of fewer splats lose.
+    ///
+    /// - `given`: number of splats before.
+    ///
+    /// # Errors
+    /// The errors of drawing.
+    pub(super) fn summary(&self, given: usize, cloud: &SplatCloud) -> Result<Value> {
+        let images = self.again(cloud.clone())?;
+        let pairs = self.images.iter().zip(&images);
+        let flips = pairs.filter_map(|(a, b)| flip(a, b, FLIP_PIXELS_PER_DEGREE));
+        let flips: Vec<f64> = flips.collect();
+        Ok(json!({
+            "given": given,
+            "splats": cloud.positions.len(),
+            "pictures": images.len(),
+            "psnr": psnr(&self.images, &images),
+            "p999": percentile(&self.images, &images, None),
+            "flip": flips.iter().sum::<f64>() / flips.len().max(1) as f64,
+        }))
     }
 }
 
@@ -69,15 +92,19 @@ fn renderer_of_splats(cloud: SplatCloud) -> Result<Renderer> {
 }
 
 /// Returns the difference of sRGB codes that 99.9 % of pixels do not exceed in any channel.
-fn percentile(a: &[Image], b: &[Image]) -> f64 {
-    let pairs = a.iter().map(codes).zip(b.iter().map(codes));
-    let of_pair = |(a, b): (Image, Image)| -> Vec<f32> {
+///
+/// - `compared`: whether each pixel of each picture counts; `None` for all.
+pub(super) fn percentile(a: &[Image], b: &[Image], compared: Option<&[Vec<bool>]>) -> f64 {
+    let pairs = a.iter().map(codes).zip(b.iter().map(codes)).enumerate();
+    let of_pair = |(n, (a, b)): (usize, (Image, Image))| -> Vec<f32> {
         let largest = |(a, b): (&[f32; 4], &[f32; 4])| {
             a.iter()
                 .zip(b)
                 .fold(0.0_f32, |most, (a, b)| most.max((a - b).abs()))
         };
-        a.pixels.iter().zip(&b.pixels).map(largest).collect()
+        let all = a.pixels.iter().zip(&b.pixels).enumerate();
+        let counted = all.filter(|(i, _)| compared.is_none_or(|compared| compared[n][*i]));
+        counted.map(|(_, pair)| largest(pair)).collect()
     };
     let mut differences: Vec<f32> = pairs.flat_map(of_pair).collect();
     differences.sort_unstable_by(f32::total_cmp);
@@ -95,6 +122,35 @@ impl FewerOptions {
             ("--error", self.error.is_some()),
             ("--keep-all", self.keep_all),
         ]
+    }
+
+    /// Returns the error that pictures of a mesh may have, if it is compared with the mesh itself: triangles in the colours of their materials.
+    ///
+    /// # Errors
+    /// A field that is not there; an option that applies to merged splats alone.
+    pub(super) fn of_mesh(
+        &self,
+        dataset: &Dataset,
+        options: &SampleOptions,
+    ) -> Result<Option<f64>> {
+        let (Some(error), Geometry::Mesh(mesh)) = (self.error, &dataset.geometry) else {
+            return Ok(None);
+        };
+        let has_marks = mesh.line_count() + mesh.point_count() > 0;
+        if has_marks || surface_report(dataset, options)?.field.is_some() {
+            return Ok(None);
+        }
+        if self.keep_all {
+            let (expected, advice) = ("splats that --count or --error merges", "leave it out");
+            return Err(Error::invalid(
+                "--keep-all",
+                "inputs",
+                expected,
+                "a mesh",
+                advice,
+            ));
+        }
+        Ok(Some(error))
     }
 
     /// Returns whether splats are merged.
@@ -161,26 +217,15 @@ impl FewerOptions {
                 let count = (STEP * before as f64) as usize;
                 let fewer = fewer_splats(cloud.clone(), count.max(1), None)?;
                 let is_same = fewer.positions.len() == before;
-                if is_same || percentile(&pictures.images, &pictures.again(fewer.clone())?) > most {
+                if is_same
+                    || percentile(&pictures.images, &pictures.again(fewer.clone())?, None) > most
+                {
                     break;
                 }
                 cloud = fewer;
             }
         }
-        let compared = pictures.map(|pictures| -> Result<Value> {
-            let images = pictures.again(cloud.clone())?;
-            let pairs = pictures.images.iter().zip(&images);
-            let flips = pairs.filter_map(|(a, b)| flip(a, b, FLIP_PIXELS_PER_DEGREE));
-            let flips: Vec<f64> = flips.collect();
-            Ok(json!({
-                "given": given,
-                "splats": cloud.positions.len(),
-                "pictures": images.len(),
-                "psnr": psnr(&pictures.images, &images),
-                "p999": percentile(&pictures.images, &images),
-                "flip": flips.iter().sum::<f64>() / flips.len().max(1) as f64,
-            }))
-        });
+        let compared = pictures.map(|pictures| pictures.summary(given, &cloud));
         let summary = compared.transpose()?.unwrap_or(Value::Null);
         Ok((cloud, summary))
     }
@@ -189,13 +234,21 @@ impl FewerOptions {
 /// Returns the line that people read.
 pub(super) fn line(summary: &Value) -> Option<String> {
     let number = |key: &str| summary[key].as_f64();
+    let mesh = &summary["mesh"];
+    let of_mesh = match (mesh["splats"].as_f64(), mesh["given"].as_f64()) {
+        (Some(error), Some(of_all)) => format!(
+            "; beside the mesh itself within {error:.3}, all {given} within {of_all:.3}",
+            given = summary["given"]
+        ),
+        _ => String::new(),
+    };
     let (given, splats, pictures) = (number("given")?, number("splats")?, number("pictures")?);
     let psnr = match number("psnr") {
         Some(psnr) => format!("PSNR {psnr:.1} dB"),
         None => "no difference".into(),
     };
     Some(format!(
-        "{given} splats to {splats}: in pictures from {pictures} sides {psnr} (sRGB codes), 99.9 % of pixels within {:.3}, FLIP {:.4}",
+        "{given} splats to {splats}: in pictures from {pictures} sides {psnr} (sRGB codes), 99.9 % of pixels within {:.3}, FLIP {:.4}{of_mesh}",
         number("p999")?,
         number("flip")?
     ))

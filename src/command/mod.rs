@@ -22,6 +22,7 @@ mod cut;
 mod driver;
 mod edits;
 mod fewer;
+mod fewest;
 mod files;
 mod formats;
 mod info;

@@ -18,6 +18,8 @@
 //! field of a grid itself, interpolated between its samples. Rays, the pixel's filter and clip planes are the
 //! same.
 //!
+//! [`MeshTracer`] computes the reference image of a mesh: rays meet its triangles.
+//!
 //! Limits: a rod or a point (a variance of rank one or zero) has no line integral, and its reference image is
 //! empty, because almost no ray meets it. [`PixelFilter::Kernels`] gives it the width of the pixel's filter and
 //! shows it. Splats of radiance fields are refused: their opacity is a rule of drawing, not an integral.
@@ -52,6 +54,7 @@ mod data;
 mod gauss_kronrod;
 mod kernel;
 pub mod lobe;
+mod mesh;
 mod piece;
 mod pixel;
 mod ray;
@@ -75,6 +78,7 @@ use surface::Fragment;
 use traversal::Traversal;
 
 pub use data::DataIntegrator;
+pub use mesh::{MeshTracer, MeshTracerSettings};
 pub use ray::RayIntegral;
 pub use settings::{PixelFilter, ReferenceFrame, ReferenceSettings};
 

@@ -426,12 +426,24 @@ fn splats_are_merged_to_fewer() {
         "v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\n",
     )
     .unwrap();
-    // Splats of meshes and of particles merge, too.
+    // A mesh has the fewest surfels that are as near to the mesh itself as is asked for.
     let all = converted(folder, "convert wall.obj --spacing 0.02 --out a.ply --json");
-    let line = "convert wall.obj --spacing 0.02 --error 0.25 --out a.ply --json";
-    let few = converted(folder, line);
-    assert!(few["fewer"]["p999"].as_f64().unwrap() <= 0.25, "{few}");
+    let of_mesh = |error: f64| {
+        let line = format!("convert wall.obj --spacing 0.02 --error {error} --out a.ply --json");
+        let said = converted(folder, &line);
+        let [of_all, left] = ["given", "splats"].map(|key| said["fewer"]["mesh"][key].as_f64());
+        (said, of_all.unwrap(), left.unwrap())
+    };
+    let (few, of_all, left) = of_mesh(0.4);
+    assert!(of_all < left && left <= 0.4, "{few}");
+    assert_eq!(few["fewer"]["given"], all["splats"]);
     assert!(few["splats"].as_u64() < all["splats"].as_u64(), "{few}");
+    let (same, again, left) = of_mesh(0.01);
+    assert_eq!((again, left), (of_all, of_all));
+    assert_eq!(same["splats"], all["splats"]);
+    let notes = same["notes"].to_string();
+    assert!(notes.contains("farther from the mesh"), "{notes}");
+    // Splats of particles merge, too.
     let table: String = (0..64)
         .map(|i| format!("{},{},{},0.4,{i}\n", i % 4, i / 4 % 4, i / 16))
         .collect();
@@ -443,6 +455,10 @@ fn splats_are_merged_to_fewer() {
         ("convert all.ply --keep-all --out a.ply", "--keep-all"),
         (
             "convert wall.obj --count 50 --keep-all --out a.ply",
+            "--keep-all",
+        ),
+        (
+            "convert wall.obj --error 0.5 --keep-all --out a.ply",
             "--keep-all",
         ),
         ("convert all.ply --error 0.1 --out a.arrow", "--error"),

@@ -11,9 +11,9 @@ use std::sync::OnceLock;
 
 use crate::common::{real_data, some};
 use crate::support::Folder;
-use crate::support::raytrace::Tracer;
 use ewa_splat::image::srgb_from_linear;
 use ewa_splat::io::{Geometry, Mesh, OpenOptions, open, write_image};
+use ewa_splat::reference::{MeshTracer, MeshTracerSettings};
 use ewa_splat::sample::mesh::{MeshOptions, Spread, surfels};
 use ewa_splat::view::Camera;
 use ewa_splat::{Backend, Image, Renderer, Settings};
@@ -23,8 +23,8 @@ use glam::DVec3;
 /// surface in a smaller picture.
 const SIZES: [usize; 4] = [224, 224, 224, 448];
 
-/// Rays per pixel, along a side.
-const SIDE: usize = 12;
+/// Rays per pixel.
+const RAYS: usize = 144;
 
 fn read(name: &str) -> Option<Mesh> {
     let path = real_data(name)?;
@@ -126,11 +126,15 @@ fn surfels_show_what_rays_show() {
             read(file)
         };
         let Some(mesh) = read else { return };
-        let tracer = Tracer::new(&mesh);
+        let tracer = MeshTracer::new(&mesh);
         let sides = [DVec3::new(0.7, 0.4, 1.0), DVec3::new(-0.8, 0.1, -0.9)];
         for (number, side) in some(sides.into_iter().enumerate(), name.len(), 2) {
             let (camera, per_length) = camera(&mesh, side, size);
-            let truth = tracer.render(&camera, SIDE);
+            let settings = MeshTracerSettings {
+                rays: RAYS,
+                ..MeshTracerSettings::default()
+            };
+            let truth = tracer.render(&camera, &settings);
             keep(&format!("{name}-{number}-rays"), &truth);
             for per_px in some([1.0, 4.0], name.len(), 2) {
                 let options = MeshOptions {

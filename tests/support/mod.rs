@@ -10,7 +10,6 @@ pub(crate) mod images;
 pub(crate) mod meshes;
 pub(crate) mod nifti;
 pub(crate) mod openfoam;
-pub(crate) mod raytrace;
 pub(crate) mod seeds;
 pub(crate) mod sog;
 pub(crate) mod splats;
