@@ -16,7 +16,7 @@ use super::folder::of_folder;
 use super::format::{Family, Format};
 #[cfg(feature = "netcdf")]
 use super::grid::netcdf;
-use super::grid::{ensight, openfoam, plot3d, plotfile, tecplot};
+use super::grid::{ensight, gmsh, openfoam, plot3d, plotfile, tecplot, xdmf};
 use super::mesh::{gltf, obj, stl, threemf};
 use super::options::OpenOptions;
 use super::particles::atoms::{gro, lammps, xyz as atoms};
@@ -522,6 +522,32 @@ static FORMATS: &[Format] = &[
         begins: |p| ensight::looks_like(p.head),
         read: |input, options| ensight::read(input, options.time_step, options.read_as),
         steps: Some(ensight::steps),
+        ..PLAIN
+    },
+    Format {
+        name: "Gmsh meshes",
+        family: Family::Grids,
+        endings: &["msh", "gmsh"],
+        reads: "versions 2, 4.0 and 4.1, text and binary in either byte order: elements of first and second order \
+                (of higher orders the corners), nodes with parameters, partitions; physical groups and entities as fields of cells; \
+                results at nodes, in elements and at the nodes of elements (means at shared nodes), steps of time. Elements on \
+                the boundary of others are left out with a note. No polygons, polyhedra, `.geo` or `.pos`",
+        begins: |p| gmsh::looks_like(p.head),
+        read: |input, options| gmsh::read(input, options.time_step, options.read_as),
+        steps: Some(gmsh::steps),
+        ..PLAIN
+    },
+    Format {
+        name: "XDMF",
+        family: Family::Grids,
+        endings: &["xdmf", "xmf", "xdmf2", "xdmf3"],
+        reads: "versions 2 and 3: uniform grids, and collections in space and time (steps); elements of first and second order, mixed \
+                lists, polyhedra, points; uniform, rectilinear and curvilinear grids; attributes at nodes and cells; numbers in the file, in \
+                HDF5 or binary files beside it, parts of them (HyperSlab) and `JOIN`; references and `xi:include` within the file. \
+                Attributes of other places, functions of finite elements and other functions are not read",
+        begins: |p| xdmf::looks_like(p.head),
+        read: |input, options| xdmf::read(input, options.time_step, options.read_as),
+        steps: Some(xdmf::steps),
         ..PLAIN
     },
     Format {

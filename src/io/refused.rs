@@ -76,13 +76,6 @@ const PLAIN: Refused = Refused {
 static REFUSED: &[Refused] = &[
     // Results of simulation codes, and their grids.
     Refused {
-        name: "an XDMF file",
-        endings: &["xdmf", "xmf", "xdmf2", "xdmf3"],
-        is_text: |text| is_xml(text, &["<Xdmf", "<!DOCTYPE Xdmf"]),
-        advice: GRID,
-        ..PLAIN
-    },
-    Refused {
         name: "a CGNS file in the old ADF container",
         magic: &[(4, b"ADF Database")],
         advice: "turn it into HDF5 with adf2hdf, then into VTK XML with ParaView",
@@ -96,16 +89,10 @@ static REFUSED: &[Refused] = &[
         ..PLAIN
     },
     Refused {
-        name: "a Gmsh file",
-        endings: &["gmsh", "pos"],
-        magic: &[
-            (0, b"$MeshFormat"),
-            (0, b"$Comments"),
-            (0, b"$PhysicalNames"),
-            (0, b"$NOD"),
-            (0, b"$PostFormat"),
-        ],
-        advice: "save it as legacy VTK (`gmsh FILE -3 -o out.vtk`), or `meshio convert FILE out.vtu`",
+        name: "a Gmsh file of version 1, or with results alone",
+        endings: &["pos"],
+        magic: &[(0, b"$NOD"), (0, b"$PostFormat")],
+        advice: "save it as version 4.1: `gmsh FILE -save -format msh41 -o out.msh`",
         ..PLAIN
     },
     Refused {
@@ -121,12 +108,6 @@ static REFUSED: &[Refused] = &[
         ],
         members: &["meshes"],
         advice: "export it as EnSight Gold or save it as VTK XML (.vtu) with ParaView",
-        ..PLAIN
-    },
-    Refused {
-        name: "a mesh of Gmsh or Fluent",
-        endings: &["msh"],
-        advice: GRID,
         ..PLAIN
     },
     Refused {
@@ -724,10 +705,19 @@ pub(super) fn hdf5(path: &Path, members: &[String]) -> Error {
     let list = super::particles::table::list(members.iter().map(String::as_str));
     let index = ["xdmf", "xmf"].map(|ending| path.with_extension(ending));
     let of_index = index.iter().find(|index| index.is_file());
-    let found = match of_index.and_then(|index| index.file_name()) {
-        Some(index) => format!("the numbers of `{}`, an XDMF file", index.to_string_lossy()),
-        None => format!("an HDF5 file of no format that is read, whose root holds {list}"),
-    };
+    if let Some(index) = of_index.and_then(|index| index.file_name()) {
+        let index = index.to_string_lossy();
+        let found = format!("the numbers of `{index}`");
+        let advice = format!("give `{index}`");
+        return Error::format(
+            path,
+            "format",
+            "a file that says what its numbers are",
+            found,
+            advice,
+        );
+    }
+    let found = format!("an HDF5 file of no format that is read, whose root holds {list}");
     let expected = "VTKHDF, netCDF-4, or particles in `PartType0/Coordinates` (Gadget, SWIFT) or `particles/xyz` (Phantom)";
     Error::format(path, "format", expected, found, OF_HDF5)
 }
