@@ -16,7 +16,7 @@ use super::folder::of_folder;
 use super::format::{Family, Format};
 #[cfg(feature = "netcdf")]
 use super::grid::netcdf;
-use super::grid::{ensight, gmsh, openfoam, plot3d, plotfile, tecplot, xdmf};
+use super::grid::{cgns, ensight, gmsh, openfoam, plot3d, plotfile, tecplot, xdmf};
 use super::mesh::{gltf, obj, stl, threemf};
 use super::options::OpenOptions;
 use super::particles::atoms::{gro, lammps, xyz as atoms};
@@ -386,6 +386,22 @@ static FORMATS: &[Format] = &[
         reads: "archives of NPY columns: see [tables](#tables)",
         begins: |p| p.head.starts_with(zip::MAGIC),
         read: |input, _| npz::read(input),
+        ..PLAIN
+    },
+    // Before the other formats in HDF5 files.
+    Format {
+        name: "CGNS",
+        family: Family::Grids,
+        endings: &["cgns"],
+        reads: "in HDF5: bases of structured and unstructured zones, drawn together; sections of first and second order, MIXED, NGON_n \
+                and NFACE_n or ParentElements; solutions at nodes and cells without their rind, steps of time. Elements on the boundary \
+                of others are left out with a note. No cylindrical coordinates, solutions of parts of a zone or links to \
+                other files; ADF files are refused by name (adf2hdf turns them into HDF5)",
+        begins: |p| {
+            p.head.starts_with(hdf5::MAGIC) && (p.ends_in(&["cgns"]) || cgns::is_named(p.head))
+        },
+        read: |input, options| cgns::read(input, options.time_step, options.read_as),
+        steps: Some(cgns::steps),
         ..PLAIN
     },
     // Before the particles of HDF5 files, because netCDF-4 files are HDF5 files.

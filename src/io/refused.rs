@@ -78,14 +78,13 @@ static REFUSED: &[Refused] = &[
     Refused {
         name: "a CGNS file in the old ADF container",
         magic: &[(4, b"ADF Database")],
-        advice: "turn it into HDF5 with adf2hdf, then into VTK XML with ParaView",
+        advice: "turn it into HDF5: `adf2hdf FILE out.cgns`",
         ..PLAIN
     },
     Refused {
-        name: "a CGNS file",
-        endings: &["cgns"],
+        name: "a CGNS file under another name",
         members: &["CGNSLibraryVersion", " hdf5version"],
-        advice: GRID,
+        advice: "give it a name that ends in .cgns",
         ..PLAIN
     },
     Refused {

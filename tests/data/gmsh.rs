@@ -250,7 +250,7 @@ fn surfaces_are_meshes_and_mistakes_are_named_by_line() {
         ("$Elements", "$Elemente", "`$EndElemente`"),
         (
             "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n",
-            "",
+            "$Other\n1\n$EndOther\n",
             "`$MeshFormat`",
         ),
     ] {

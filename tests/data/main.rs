@@ -18,6 +18,7 @@ mod automatic;
 mod bad_input;
 mod boundaries;
 mod cells;
+mod cgns;
 mod clouds;
 mod collections;
 mod colour_maps;

@@ -323,6 +323,18 @@ fn simulations() -> Vec<Set> {
             files: files.collect(),
         });
     }
+    for name in [
+        "sections",
+        "mixed",
+        "polyhedra",
+        "polyhedra_old",
+        "parents",
+        "structured",
+    ] {
+        sets.push(Set {
+            files: vec![fixture(&format!("cgns/{name}.cgns"))],
+        });
+    }
     if cfg!(feature = "netcdf") {
         let names = [
             "blocks.ex2",

@@ -1,8 +1,9 @@
-//! Grids of solvers: PLOT3D, Tecplot, EnSight, OpenFOAM, Exodus and NetCDF, Gmsh, XDMF, plotfiles; levels of refinement.
+//! Grids of solvers: PLOT3D, Tecplot, EnSight, OpenFOAM, Exodus and NetCDF, Gmsh, XDMF, CGNS, plotfiles; levels of refinement.
 
 pub(super) mod amr;
 mod block_cells;
 mod budget;
+pub(super) mod cgns;
 pub(super) mod ensight;
 mod face_cells;
 pub(super) mod gmsh;

@@ -1,5 +1,6 @@
 //! Reads arrays of any shape from HDF5 files that other formats name or use as their container.
 
+use hdf5_reader::group::Group;
 use hdf5_reader::{SliceInfo, SliceInfoElem};
 
 use super::file::{SnapshotFile, broken, selected_bytes, shortened};
@@ -41,6 +42,34 @@ impl<'a> ArrayFile<'a> {
         Ok(Self { file })
     }
 
+    /// Returns the root group.
+    pub(in crate::io) fn root(&self) -> Result<Group> {
+        let root = self.file.file.root_group();
+        root.map_err(|e| broken(self.file.path, "root group", &e))
+    }
+
+    /// Returns the names of the groups in a group, and those of its datasets.
+    pub(in crate::io) fn names(&self, group: &Group) -> Result<(Vec<String>, Vec<String>)> {
+        let names = group.member_names();
+        names.map_err(|e| broken(self.file.path, group.name(), &e))
+    }
+
+    /// Returns the group of this name in another.
+    pub(in crate::io) fn child(&self, group: &Group, name: &str) -> Result<Group> {
+        let child = group.group(name);
+        child.map_err(|e| broken(self.file.path, name, &e))
+    }
+
+    /// Returns the text of an attribute of a group, without padding.
+    pub(in crate::io) fn text(&self, group: &Group, name: &str) -> Option<String> {
+        let attributes = group.raw_attributes().ok()?;
+        let found = attributes.iter().find(|a| a.name() == name)?;
+        let bytes = &found.message().raw_data;
+        let end = bytes.iter().position(|&b| b == 0).unwrap_or(bytes.len());
+        let text = String::from_utf8_lossy(&bytes[..end]);
+        Some(text.trim().to_owned())
+    }
+
     /// Reads the dataset at a path from the root.
     ///
     /// - `part`: a part of each dimension; `None` reads all.
@@ -56,6 +85,14 @@ impl<'a> ArrayFile<'a> {
         let dataset =
             dataset.map_err(|e| broken(self.file.path, &format!("dataset `{path}`"), &e))?;
         self.numbers(&dataset, path, part)
+    }
+
+    /// Reads a dataset of a group whole.
+    pub(in crate::io) fn array_in(&self, group: &Group, name: &str) -> Result<ShapedArray> {
+        let place = format!("{}/{name}", group.name());
+        let dataset = group.dataset(name);
+        let dataset = dataset.map_err(|e| broken(self.file.path, &place, &e))?;
+        self.numbers(&dataset, &place, None)
     }
 
     fn numbers(
