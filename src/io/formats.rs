@@ -16,7 +16,7 @@ use super::folder::of_folder;
 use super::format::{Family, Format};
 #[cfg(feature = "netcdf")]
 use super::grid::netcdf;
-use super::grid::{cgns, ensight, gmsh, openfoam, plot3d, plotfile, tecplot, xdmf};
+use super::grid::{cgns, ensight, gmsh, nek, openfoam, plot3d, plotfile, tecplot, xdmf};
 use super::mesh::{gltf, obj, stl, threemf};
 use super::options::OpenOptions;
 use super::particles::atoms::{gro, lammps, xyz as atoms};
@@ -564,6 +564,19 @@ static FORMATS: &[Format] = &[
         begins: |p| xdmf::looks_like(p.head),
         read: |input, options| xdmf::read(input, options.time_step, options.read_as),
         steps: Some(xdmf::steps),
+        ..PLAIN
+    },
+    Format {
+        name: "Nek5000",
+        family: Family::Simulations,
+        endings: &["nek5000", "nek"],
+        reads: "field files of Nek5000 and NekRS (`NAME0.f00001`) of 32 and 64 bits in either byte order, and the files that name those of \
+                each time: elements of two and three dimensions as linear cells between their nodes, velocity, pressure, temperature and \
+                scalars; positions that only an earlier file beside it has; several files of one time are drawn together. No `.re2`, \
+                `.rea` or files from before `#std`",
+        begins: |p| nek::looks_like(p.head),
+        read: |input, options| nek::read(input, options, recognise),
+        steps: Some(nek::steps),
         ..PLAIN
     },
     Format {

@@ -162,11 +162,10 @@ static REFUSED: &[Refused] = &[
         ..PLAIN
     },
     Refused {
-        name: "a Nek5000 or NekRS file",
-        endings: &["nek5000", "nek", "re2", "rea"],
-        magic: &[(0, b"#std "), (0, b"#v001"), (0, b"#v002"), (0, b"#v003")],
-        is_text: |text| text.contains("filetemplate:"),
-        advice: "save it as VTK XML (.vtu) with ParaView, which reads its .nek5000 file",
+        name: "a mesh or an old file of Nek5000",
+        endings: &["re2", "rea"],
+        magic: &[(0, b"#v001"), (0, b"#v002"), (0, b"#v003")],
+        advice: "give the field files of the run (NAME0.f00001, `#std`), or the .nek5000 file",
         ..PLAIN
     },
     Refused {
@@ -757,7 +756,7 @@ fn named(path: &Path) -> Option<&'static Refused> {
     let is_numbered = name
         .rsplit_once(".f")
         .is_some_and(|(_, digits)| digits.len() == 5 && digits.bytes().all(|b| b.is_ascii_digit()));
-    let of_nek = || REFUSED.iter().find(|row| row.endings.contains(&"nek5000"));
+    let of_nek = || REFUSED.iter().find(|row| row.endings.contains(&"re2"));
     let of_ending = || REFUSED.iter().find(|row| row.endings.iter().any(ends));
     if is_numbered { of_nek() } else { of_ending() }
 }

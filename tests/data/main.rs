@@ -38,6 +38,7 @@ mod image_series;
 mod mesh_sampling;
 mod meshes;
 mod meta_image;
+mod nek;
 mod nifti;
 mod nrrd;
 mod openfoam;

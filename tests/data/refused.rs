@@ -118,16 +118,10 @@ fn what_others_write_is_named_by_content_whatever_its_name() {
             "meshio",
         ),
         (
-            "Nek5000",
-            b"#std 4  8  8  8     512     512  0.0E+00 ",
-            "Nek5000",
-            "ParaView",
-        ),
-        (
-            "Nek5000's index",
-            b"filetemplate: eddy%01d.f%05d\nfirsttimestep: 1\n",
-            "Nek5000",
-            "ParaView",
+            "Nek5000, old",
+            b"#v001 4  8  8  8     512     512  0.0E+00 ",
+            "an old file of Nek5000",
+            ".nek5000",
         ),
         (
             "EnSight's geometry",

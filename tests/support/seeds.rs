@@ -335,6 +335,16 @@ fn simulations() -> Vec<Set> {
             files: vec![fixture(&format!("cgns/{name}.cgns"))],
         });
     }
+    for names in [
+        &["chan0.f00002", "chan0.f00001"][..],
+        &["chan.nek5000", "chan0.f00001", "chan0.f00002"],
+        &["flat0.f00000"],
+    ] {
+        let files = names.iter().map(|name| fixture(&format!("nek/{name}")));
+        sets.push(Set {
+            files: files.collect(),
+        });
+    }
     if cfg!(feature = "netcdf") {
         let names = [
             "blocks.ex2",

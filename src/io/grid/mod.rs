@@ -1,4 +1,4 @@
-//! Grids of solvers: PLOT3D, Tecplot, EnSight, OpenFOAM, Exodus and NetCDF, Gmsh, XDMF, CGNS, plotfiles; levels of refinement.
+//! Grids of solvers: PLOT3D, Tecplot, EnSight, OpenFOAM, Exodus and NetCDF, Gmsh, XDMF, CGNS, Nek5000, plotfiles; levels of refinement.
 
 pub(super) mod amr;
 mod block_cells;
@@ -8,6 +8,7 @@ pub(super) mod ensight;
 mod face_cells;
 pub(super) mod gmsh;
 mod highest;
+pub(super) mod nek;
 #[cfg(feature = "netcdf")]
 pub(super) mod netcdf;
 pub(super) mod openfoam;
