@@ -522,7 +522,10 @@ fn points_are_displaced_by_vectors() {
         let line = ["info", file.to_str().unwrap(), "--displace", name];
         let output = run(folder.path(), &line);
         let error = text(&output.stderr);
-        assert!(!output.status.success() && error.contains(says), "{name}: {error}");
+        assert!(
+            !output.status.success() && error.contains(says),
+            "{name}: {error}"
+        );
     }
     let vtk = "# vtk DataFile Version 3.0\na\nASCII\nDATASET STRUCTURED_POINTS\nDIMENSIONS 2 2 2\nORIGIN 0 0 0\n\
                SPACING 1 1 1\nPOINT_DATA 8\nVECTORS Displ float\n";
@@ -535,5 +538,8 @@ fn points_are_displaced_by_vectors() {
     };
     assert!(info(&[]).contains("before their displacement `Displ`"));
     let moved = info(&["--displace", "Displ,0.25"]);
-    assert!(!moved.contains("displacement `Displ`") && moved.contains("1.25, 1, 1"), "{moved}");
+    assert!(
+        !moved.contains("displacement `Displ`") && moved.contains("1.25, 1, 1"),
+        "{moved}"
+    );
 }
