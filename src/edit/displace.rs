@@ -165,7 +165,10 @@ fn vectors(dataset: &Dataset, name: &str) -> Result<Vec<DVec3>> {
         true => "a vector field at points, of which there is none".to_owned(),
         false => format!("a vector field at points: one of {}", names.join(", ")),
     };
-    let advice = "name one of these";
+    let advice = match names.is_empty() {
+        true => "leave the displacement out",
+        false => "name one of these",
+    };
     Err(Error::format(
         &dataset.path,
         place(name),
