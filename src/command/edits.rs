@@ -1,6 +1,6 @@
 //! Defines the options that place inputs and crop them to boxes.
 
-use crate::edit::Placement;
+use crate::edit::{Displacement, Placement};
 use crate::load::Edit;
 use crate::{Error, Result};
 use clap::Args;
@@ -12,6 +12,9 @@ use super::parse::{self, OrNone};
 #[derive(Args)]
 #[command(next_help_heading = "Placement")]
 pub(crate) struct EditOptions {
+    /// Move points by a vector field at points, times F (default 1), before all else: the deformed shape of a structure
+    #[arg(long, value_name = "NAME[,F]", value_parser = parse::or_none(parse::displacement))]
+    displace: Vec<OrNone<Displacement>>,
     /// Make everything F times as large, about the origin, or by three factors (1,1,50 exaggerates heights); --rotate
     /// and then --translate follow. Given once, each option here is for all inputs; else once for each in their order,
     /// with `none` for those it leaves alone
@@ -38,6 +41,7 @@ impl EditOptions {
     /// # Errors
     /// An option that is given neither once nor once for each input.
     pub(crate) fn of_inputs(&self, count: usize) -> Result<Vec<Edit>> {
+        let displace = of_each("--displace", &self.displace, count)?;
         let resize = of_each("--resize", &self.resize, count)?;
         let exaggerate = of_each("--exaggerate", &self.exaggerate, count)?;
         let rotate = of_each("--rotate", &self.rotate, count)?;
@@ -51,6 +55,7 @@ impl EditOptions {
                 translation: translate(i).unwrap_or(none.translation),
             };
             Edit {
+                displacement: displace(i),
                 placement: (placement != none).then_some(placement),
                 exaggeration: exaggerate(i),
                 crop: crop(i),
@@ -61,7 +66,7 @@ impl EditOptions {
 }
 
 /// Returns a function from an input's number to the option's value for it.
-fn of_each<'a, T: Copy>(
+fn of_each<'a, T: Clone>(
     option: &'static str,
     stated: &'a [OrNone<T>],
     count: usize,
@@ -78,8 +83,8 @@ fn of_each<'a, T: Copy>(
     }
     Ok(move |i: usize| match stated {
         [] => None,
-        [all] => all.0,
-        each => each[i].0,
+        [all] => all.0.clone(),
+        each => each[i].0.clone(),
     })
 }
 
@@ -91,6 +96,7 @@ mod tests {
     fn options_are_for_all_inputs_or_one_for_each() {
         let of = |resize: &[Option<f64>], count| {
             let options = EditOptions {
+                displace: Vec::new(),
                 resize: resize
                     .iter()
                     .map(|size| OrNone(size.map(DVec3::splat)))

@@ -1,6 +1,7 @@
 //! Parses values of command-line options.
 
 use crate::data::particle_type::ParticleType;
+use crate::edit::Displacement;
 use crate::image::linear_from_srgb;
 use crate::io::{RawType, StepChoice};
 use crate::load::Input;
@@ -326,6 +327,20 @@ pub(crate) fn thresholds(text: &str) -> Result<[f32; 2], String> {
         Some([low, high]) if low >= 0.0 && low <= high && high.is_finite() => Ok([low, high]),
         _ => Err("two numbers from 0 up, the second not less, such as 0.3,2.0".into()),
     }
+}
+
+/// Parses `NAME` or `NAME,F`: a field by which points are moved, and its factor.
+pub(crate) fn displacement(text: &str) -> Result<Displacement, String> {
+    let (field, factor) = match text.rsplit_once(',') {
+        Some((field, factor)) => (field, factor.trim().parse::<f64>().ok()),
+        None => (text, Some(1.0)),
+    };
+    let factor = factor.filter(|factor| factor.is_finite() && !field.is_empty());
+    let factor = factor.ok_or("the name of a vector field, or NAME,F with a finite number F")?;
+    Ok(Displacement {
+        field: field.to_owned(),
+        factor,
+    })
 }
 
 /// Parses a finite number above zero.

@@ -1,6 +1,6 @@
 //! Transforms and crops data sets before they are sampled.
 //!
-//! [`place`] resizes, rotates and translates a data set. [`crop`] keeps the part in a box. [`open_within`] reads the
+//! [`displace`] moves points by a vector field. [`place`] resizes, rotates and translates a data set. [`crop`] keeps the part in a box. [`open_within`] reads the
 //! part of a file in a box, and may skip the rest of the file. All return a [`Dataset`]. Sampling, cameras and the
 //! reference image then use the edited data as if they came from a file.
 //!
@@ -28,6 +28,7 @@
 
 mod columns;
 mod crop;
+mod displace;
 #[cfg(test)]
 mod fixtures;
 mod place;
@@ -35,5 +36,7 @@ mod select;
 mod within;
 
 pub use crop::crop;
+pub(crate) use displace::note_displacement;
+pub use displace::{Displacement, displace};
 pub use place::{Placement, place};
 pub use within::open_within;

@@ -16,7 +16,7 @@ use super::folder::of_folder;
 use super::format::{Family, Format};
 #[cfg(feature = "netcdf")]
 use super::grid::netcdf;
-use super::grid::{ensight, openfoam, plot3d, plotfile, tecplot};
+use super::grid::{cgns, ensight, gmsh, nek, openfoam, plot3d, plotfile, tecplot, xdmf};
 use super::mesh::{gltf, obj, stl, threemf};
 use super::options::OpenOptions;
 use super::particles::atoms::{gro, lammps, xyz as atoms};
@@ -388,6 +388,22 @@ static FORMATS: &[Format] = &[
         read: |input, _| npz::read(input),
         ..PLAIN
     },
+    // Before the other formats in HDF5 files.
+    Format {
+        name: "CGNS",
+        family: Family::Grids,
+        endings: &["cgns"],
+        reads: "in HDF5: bases of structured and unstructured zones, drawn together; sections of first and second order, MIXED, NGON_n \
+                and NFACE_n or ParentElements; solutions at nodes and cells without their rind, steps of time. Elements on the boundary \
+                of others are left out with a note. No cylindrical coordinates, solutions of parts of a zone or links to \
+                other files; ADF files are refused by name (adf2hdf turns them into HDF5)",
+        begins: |p| {
+            p.head.starts_with(hdf5::MAGIC) && (p.ends_in(&["cgns"]) || cgns::is_named(p.head))
+        },
+        read: |input, options| cgns::read(input, options.time_step, options.read_as),
+        steps: Some(cgns::steps),
+        ..PLAIN
+    },
     // Before the particles of HDF5 files, because netCDF-4 files are HDF5 files.
     #[cfg(feature = "netcdf")]
     Format {
@@ -522,6 +538,45 @@ static FORMATS: &[Format] = &[
         begins: |p| ensight::looks_like(p.head),
         read: |input, options| ensight::read(input, options.time_step, options.read_as),
         steps: Some(ensight::steps),
+        ..PLAIN
+    },
+    Format {
+        name: "Gmsh meshes",
+        family: Family::Grids,
+        endings: &["msh", "gmsh"],
+        reads: "versions 2, 4.0 and 4.1, text and binary in either byte order: elements of first and second order \
+                (of higher orders the corners), nodes with parameters, partitions; physical groups and entities as fields of cells; \
+                results at nodes, in elements and at the nodes of elements (means at shared nodes), steps of time. Elements on \
+                the boundary of others are left out with a note. No polygons, polyhedra, `.geo` or `.pos`",
+        begins: |p| gmsh::looks_like(p.head),
+        read: |input, options| gmsh::read(input, options.time_step, options.read_as),
+        steps: Some(gmsh::steps),
+        ..PLAIN
+    },
+    Format {
+        name: "XDMF",
+        family: Family::Grids,
+        endings: &["xdmf", "xmf", "xdmf2", "xdmf3"],
+        reads: "versions 2 and 3: uniform grids, and collections in space and time (steps); elements of first and second order, mixed \
+                lists, polyhedra, points; uniform, rectilinear and curvilinear grids; attributes at nodes and cells; numbers in the file, in \
+                HDF5 or binary files beside it, parts of them (HyperSlab) and `JOIN`; references and `xi:include` within the file. \
+                Attributes of other places, functions of finite elements and other functions are not read",
+        begins: |p| xdmf::looks_like(p.head),
+        read: |input, options| xdmf::read(input, options.time_step, options.read_as),
+        steps: Some(xdmf::steps),
+        ..PLAIN
+    },
+    Format {
+        name: "Nek5000",
+        family: Family::Simulations,
+        endings: &["nek5000", "nek"],
+        reads: "field files of Nek5000 and NekRS (`NAME0.f00001`) of 32 and 64 bits in either byte order, and the files that name those of \
+                each time: elements of two and three dimensions as linear cells between their nodes, velocity, pressure, temperature and \
+                scalars; positions that only an earlier file beside it has; several files of one time are drawn together. No `.re2`, \
+                `.rea` or files from before `#std`",
+        begins: |p| nek::looks_like(p.head),
+        read: |input, options| nek::read(input, options, recognise),
+        steps: Some(nek::steps),
         ..PLAIN
     },
     Format {

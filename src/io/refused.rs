@@ -76,36 +76,22 @@ const PLAIN: Refused = Refused {
 static REFUSED: &[Refused] = &[
     // Results of simulation codes, and their grids.
     Refused {
-        name: "an XDMF file",
-        endings: &["xdmf", "xmf", "xdmf2", "xdmf3"],
-        is_text: |text| is_xml(text, &["<Xdmf", "<!DOCTYPE Xdmf"]),
-        advice: GRID,
-        ..PLAIN
-    },
-    Refused {
         name: "a CGNS file in the old ADF container",
         magic: &[(4, b"ADF Database")],
-        advice: "turn it into HDF5 with adf2hdf, then into VTK XML with ParaView",
+        advice: "turn it into HDF5: `adf2hdf FILE out.cgns`",
         ..PLAIN
     },
     Refused {
-        name: "a CGNS file",
-        endings: &["cgns"],
+        name: "a CGNS file under another name",
         members: &["CGNSLibraryVersion", " hdf5version"],
-        advice: GRID,
+        advice: "give it a name that ends in .cgns",
         ..PLAIN
     },
     Refused {
-        name: "a Gmsh file",
-        endings: &["gmsh", "pos"],
-        magic: &[
-            (0, b"$MeshFormat"),
-            (0, b"$Comments"),
-            (0, b"$PhysicalNames"),
-            (0, b"$NOD"),
-            (0, b"$PostFormat"),
-        ],
-        advice: "save it as legacy VTK (`gmsh FILE -3 -o out.vtk`), or `meshio convert FILE out.vtu`",
+        name: "a Gmsh file of version 1, or with results alone",
+        endings: &["pos"],
+        magic: &[(0, b"$NOD"), (0, b"$PostFormat")],
+        advice: "save it as version 4.1: `gmsh FILE -save -format msh41 -o out.msh`",
         ..PLAIN
     },
     Refused {
@@ -121,12 +107,6 @@ static REFUSED: &[Refused] = &[
         ],
         members: &["meshes"],
         advice: "export it as EnSight Gold or save it as VTK XML (.vtu) with ParaView",
-        ..PLAIN
-    },
-    Refused {
-        name: "a mesh of Gmsh or Fluent",
-        endings: &["msh"],
-        advice: GRID,
         ..PLAIN
     },
     Refused {
@@ -182,11 +162,10 @@ static REFUSED: &[Refused] = &[
         ..PLAIN
     },
     Refused {
-        name: "a Nek5000 or NekRS file",
-        endings: &["nek5000", "nek", "re2", "rea"],
-        magic: &[(0, b"#std "), (0, b"#v001"), (0, b"#v002"), (0, b"#v003")],
-        is_text: |text| text.contains("filetemplate:"),
-        advice: "save it as VTK XML (.vtu) with ParaView, which reads its .nek5000 file",
+        name: "a mesh or an old file of Nek5000",
+        endings: &["re2", "rea"],
+        magic: &[(0, b"#v001"), (0, b"#v002"), (0, b"#v003")],
+        advice: "give the field files of the run (NAME0.f00001, `#std`), or the .nek5000 file",
         ..PLAIN
     },
     Refused {
@@ -724,10 +703,19 @@ pub(super) fn hdf5(path: &Path, members: &[String]) -> Error {
     let list = super::particles::table::list(members.iter().map(String::as_str));
     let index = ["xdmf", "xmf"].map(|ending| path.with_extension(ending));
     let of_index = index.iter().find(|index| index.is_file());
-    let found = match of_index.and_then(|index| index.file_name()) {
-        Some(index) => format!("the numbers of `{}`, an XDMF file", index.to_string_lossy()),
-        None => format!("an HDF5 file of no format that is read, whose root holds {list}"),
-    };
+    if let Some(index) = of_index.and_then(|index| index.file_name()) {
+        let index = index.to_string_lossy();
+        let found = format!("the numbers of `{index}`");
+        let advice = format!("give `{index}`");
+        return Error::format(
+            path,
+            "format",
+            "a file that says what its numbers are",
+            found,
+            advice,
+        );
+    }
+    let found = format!("an HDF5 file of no format that is read, whose root holds {list}");
     let expected = "VTKHDF, netCDF-4, or particles in `PartType0/Coordinates` (Gadget, SWIFT) or `particles/xyz` (Phantom)";
     Error::format(path, "format", expected, found, OF_HDF5)
 }
@@ -768,7 +756,7 @@ fn named(path: &Path) -> Option<&'static Refused> {
     let is_numbered = name
         .rsplit_once(".f")
         .is_some_and(|(_, digits)| digits.len() == 5 && digits.bytes().all(|b| b.is_ascii_digit()));
-    let of_nek = || REFUSED.iter().find(|row| row.endings.contains(&"nek5000"));
+    let of_nek = || REFUSED.iter().find(|row| row.endings.contains(&"re2"));
     let of_ending = || REFUSED.iter().find(|row| row.endings.iter().any(ends));
     if is_numbered { of_nek() } else { of_ending() }
 }

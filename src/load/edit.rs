@@ -3,13 +3,15 @@
 use glam::DVec3;
 
 use crate::data::dataset::Dataset;
-use crate::edit::{Placement, crop, place};
+use crate::edit::{Displacement, Placement, crop, displace, note_displacement, place};
 use crate::error::{Hint, Parameter};
 use crate::{Error, Result};
 
-/// Edits of one input: first its placement, then the box that it is cropped to.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+/// Edits of one input: first its displacement, then its placement, then the box that it is cropped to.
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Edit {
+    /// Field by which points are moved.
+    pub displacement: Option<Displacement>,
     /// Placement of the data.
     pub placement: Option<Placement>,
     /// Factor of heights, in addition to the placement.
@@ -24,15 +26,21 @@ const ALONG: f64 = 1e-6;
 impl Edit {
     /// Returns the crop box if the input is cropped and not otherwise edited.
     pub(crate) fn crop_alone(&self) -> Option<[DVec3; 2]> {
-        let is_moved = self.placement.is_some() || self.exaggeration.is_some();
+        let is_moved =
+            self.displacement.is_some() || self.placement.is_some() || self.exaggeration.is_some();
         self.crop.filter(|_| !is_moved)
     }
 
-    /// Places the data and crops them to the box.
+    /// Displaces and places the data, and crops them to the box. Adds a note on a likely displacement that is not
+    /// applied.
     ///
     /// # Errors
-    /// The errors of [`place`] and [`crop`]; an exaggeration of data whose direction up is along no axis.
+    /// The errors of [`displace`], [`place`] and [`crop`]; an exaggeration of data whose direction up is along no axis.
     pub fn applied(&self, mut dataset: Dataset) -> Result<Dataset> {
+        match &self.displacement {
+            Some(by) => dataset = displace(dataset, by)?,
+            None => dataset.notes.extend(note_displacement(&dataset)),
+        }
         let mut placement = self.placement;
         if let Some(factor) = self.exaggeration {
             let size = &mut placement.get_or_insert_default().size;

@@ -8,7 +8,7 @@ use crate::Result;
 use crate::data::association::Association;
 use crate::data::dataset::Dataset;
 use crate::data::particle_type::ParticleType;
-use crate::edit::open_within;
+use crate::edit::{note_displacement, open_within};
 use crate::io::OpenOptions;
 use crate::sample::{FunctionOptions, SampleOptions, TransferChoice};
 use crate::scene::TransferFunction;
@@ -117,7 +117,11 @@ impl Input {
             ..options.clone()
         };
         match self.edit.crop_alone() {
-            Some([lower, upper]) => open_within(&self.path, &options, lower, upper),
+            Some([lower, upper]) => {
+                let mut data = open_within(&self.path, &options, lower, upper)?;
+                data.notes.extend(note_displacement(&data));
+                Ok(data)
+            }
             None => self.edit.applied(crate::io::open(&self.path, &options)?),
         }
     }

@@ -489,3 +489,57 @@ fn a_series_is_placed_step_by_step() {
     };
     assert_ne!(read(first), read(second));
 }
+
+/// Points move by the vectors times the factor, as numpy computes it; a lattice becomes a grid. A field that is none is named.
+#[test]
+fn points_are_displaced_by_vectors() {
+    let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/xdmf");
+    let folder = tempfile::tempdir().unwrap();
+    let bounds = |name: &str, displace: &[&str]| {
+        let file = fixtures.join(name);
+        let line = [&["info", file.to_str().unwrap(), "--json"], displace].concat();
+        let output = run(folder.path(), &line);
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        let info: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        [0, 1].map(|i| [0, 1, 2].map(|axis| info["bounds"][i][axis].as_f64().unwrap()))
+    };
+    let still = [[0.0; 3], [2.5, 1.5, 1.75]];
+    assert_eq!(bounds("mixed_xml.xdmf", &[]), still);
+    assert_eq!(bounds("mixed_xml.xdmf", &["--displace", "none"]), still);
+    let moved = [[-3.75, -4.25, -4.25], [0.5, -0.5, -1.0]];
+    assert_eq!(bounds("mixed_xml.xdmf", &["--displace", "V,-0.5"]), moved);
+    // Resizing follows.
+    let twice = bounds("mixed_xml.xdmf", &["--displace", "v,-0.5", "--resize", "2"]);
+    assert_eq!(twice, moved.map(|corner| corner.map(|x| 2.0 * x)));
+    let file = fixtures.join("mixed_xml.xdmf");
+    for (name, says) in [
+        ("w", "no field of that name"),
+        ("T", "a scalar"),
+        ("k", "a field of cells"),
+        ("v,", "NAME,F"),
+        ("v,nan", "NAME,F"),
+    ] {
+        let line = ["info", file.to_str().unwrap(), "--displace", name];
+        let output = run(folder.path(), &line);
+        let error = text(&output.stderr);
+        assert!(
+            !output.status.success() && error.contains(says),
+            "{name}: {error}"
+        );
+    }
+    let vtk = "# vtk DataFile Version 3.0\na\nASCII\nDATASET STRUCTURED_POINTS\nDIMENSIONS 2 2 2\nORIGIN 0 0 0\n\
+               SPACING 1 1 1\nPOINT_DATA 8\nVECTORS Displ float\n";
+    let vectors = "1 0 0\n".repeat(8);
+    std::fs::write(folder.path().join("a.vtk"), format!("{vtk}{vectors}")).unwrap();
+    let info = |displace: &[&str]| {
+        let output = run(folder.path(), &[&["info", "a.vtk"], displace].concat());
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        text(&output.stdout)
+    };
+    assert!(info(&[]).contains("before their displacement `Displ`"));
+    let moved = info(&["--displace", "Displ,0.25"]);
+    assert!(
+        !moved.contains("displacement `Displ`") && moved.contains("1.25, 1, 1"),
+        "{moved}"
+    );
+}

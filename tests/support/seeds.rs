@@ -309,6 +309,42 @@ fn simulations() -> Vec<Set> {
             .into(),
     };
     let mut sets: Vec<Set> = ["text", "binary", "fortran"].map(case).into();
+    let xdmf: [&[&str]; 6] = [
+        &["uniform.xmf", "grid.bin", "grid.h5"],
+        &["rectilinear.xmf", "grid.bin", "grid.h5"],
+        &["curvilinear.xmf", "grid.bin", "grid.h5"],
+        &["dolfinx.xdmf", "dolfinx.h5"],
+        &["mixed_xml.xdmf"],
+        &["quadratic.xdmf"],
+    ];
+    for names in xdmf {
+        let files = names.iter().map(|name| fixture(&format!("xdmf/{name}")));
+        sets.push(Set {
+            files: files.collect(),
+        });
+    }
+    for name in [
+        "sections",
+        "mixed",
+        "polyhedra",
+        "polyhedra_old",
+        "parents",
+        "structured",
+    ] {
+        sets.push(Set {
+            files: vec![fixture(&format!("cgns/{name}.cgns"))],
+        });
+    }
+    for names in [
+        &["chan0.f00002", "chan0.f00001"][..],
+        &["chan.nek5000", "chan0.f00001", "chan0.f00002"],
+        &["flat0.f00000"],
+    ] {
+        let files = names.iter().map(|name| fixture(&format!("nek/{name}")));
+        sets.push(Set {
+            files: files.collect(),
+        });
+    }
     if cfg!(feature = "netcdf") {
         let names = [
             "blocks.ex2",
@@ -442,6 +478,21 @@ fn clouds_and_stacks() -> Vec<(String, Vec<u8>)> {
         seeds.push((format!("{name}.gz"), gzip(&bytes)));
         for _ in 0..4 {
             seeds.push((name.to_owned(), bytes.clone()));
+        }
+    }
+    for name in [
+        "solids22t",
+        "solids22b",
+        "solids22big",
+        "solids40t",
+        "solids41t",
+        "solids41b",
+        "solids41big",
+        "second",
+    ] {
+        let bytes = std::fs::read(folder.join(format!("gmsh/{name}.msh"))).unwrap();
+        for _ in 0..2 {
+            seeds.push(("a.msh".to_owned(), bytes.clone()));
         }
     }
     for name in ["arepo.hdf5", "swift.hdf5"] {

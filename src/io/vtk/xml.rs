@@ -42,7 +42,8 @@ pub(crate) fn file_type(head: &[u8]) -> Option<&str> {
     Some(quoted[1..].split_once(quote)?.0)
 }
 
-fn find(haystack: &[u8], needle: &[u8]) -> Option<usize> {
+/// The first place of `needle` in `haystack`.
+pub(in crate::io) fn find(haystack: &[u8], needle: &[u8]) -> Option<usize> {
     let first = *needle.first()?;
     let mut at = 0;
     loop {

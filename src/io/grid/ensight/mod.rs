@@ -30,6 +30,7 @@ use glam::DVec3;
 use self::case::Case;
 use self::geometry::{Block, Part, Places, Shape};
 use self::stream::{Form, Stream};
+use super::block_cells;
 use crate::data::cells::{CellKind, CellMesh};
 use crate::data::dataset::{CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 use crate::error::{Error, Result};
@@ -303,42 +304,10 @@ fn append(path: &Path, mesh: &mut CellMesh, shape: Shape) -> Result<()> {
             let nodes: Vec<DVec3> = block.nodes();
             small(mesh.nodes.len() + nodes.len())?;
             mesh.nodes.extend(nodes);
-            append_block(mesh, &block, first as usize).ok_or_else(too_many)?;
+            block_cells::append(mesh, block.dims, first as usize).ok_or_else(too_many)?;
         }
     }
     Ok(())
-}
-
-/// Appends the cells of a block: hexahedra, or quadrilaterals, lines or a point if axes have a single node.
-fn append_block(mesh: &mut CellMesh, block: &Block, first: usize) -> Option<()> {
-    let [nx, ny, _] = block.dims;
-    let [cx, cy, cz] = block.cell_dims();
-    let axes: Vec<usize> = [1, nx, nx * ny]
-        .into_iter()
-        .zip(block.dims)
-        .filter(|(_, n)| *n > 1)
-        .map(|(stride, _)| stride)
-        .collect();
-    let (kind, corners) = match axes[..] {
-        [a, b, c] => (
-            CellKind::HEXAHEDRON,
-            vec![0, a, a + b, b, c, a + c, a + b + c, b + c],
-        ),
-        [a, b] => (CellKind::QUAD, vec![0, a, a + b, b]),
-        [a] => (CellKind::LINE, vec![0, a]),
-        _ => (CellKind::VERTEX, vec![0]),
-    };
-    for cell in 0..cx * cy * cz {
-        let [i, j, k] = [cell % cx, cell / cx % cy, cell / (cx * cy)];
-        let corner = first + i + nx * (j + ny * k);
-        for step in &corners {
-            mesh.connectivity.push(u32::try_from(corner + step).ok()?);
-        }
-        mesh.kinds.push(kind);
-        mesh.offsets
-            .push(u32::try_from(mesh.connectivity.len()).ok()?);
-    }
-    Some(())
 }
 
 /// Shifts the node numbers of a cell.

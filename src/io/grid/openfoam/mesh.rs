@@ -3,8 +3,9 @@
 use glam::DVec3;
 
 use super::text::{CaseFile, Kind, Scanner};
-use crate::data::cells::{CellKind, CellMesh};
+use crate::data::cells::CellMesh;
 use crate::error::{Error, Result};
+use crate::io::grid::face_cells;
 
 /// Cell index beyond the boundary.
 const NONE: u32 = u32::MAX;
@@ -128,24 +129,7 @@ impl PolyMesh {
                 }
             }));
             start = end;
-            let kind = match shape(&outward) {
-                Some((kind, nodes)) => {
-                    mesh.connectivity.extend(nodes);
-                    kind
-                }
-                None => {
-                    let size = |n: usize| u32::try_from(n).map_err(|_| TooMany);
-                    mesh.connectivity.push(size(outward.len())?);
-                    for face in &outward {
-                        mesh.connectivity.push(size(face.len())?);
-                        mesh.connectivity.extend(face);
-                    }
-                    CellKind::POLYHEDRON
-                }
-            };
-            mesh.kinds.push(kind);
-            let end = u32::try_from(mesh.connectivity.len()).map_err(|_| TooMany)?;
-            mesh.offsets.push(end);
+            face_cells::append(mesh, &outward).ok_or(TooMany)?;
         }
         mesh.nodes.extend(self.points);
         Ok(())
@@ -186,60 +170,4 @@ fn read_faces(file: &CaseFile) -> Result<(Vec<usize>, Vec<u32>)> {
         )),
         None => Ok((starts, nodes)),
     }
-}
-
-/// The cell of fixed shape with these faces, and its nodes in VTK's order. The faces' nodes are anticlockwise
-/// seen from outside.
-fn shape(faces: &[Vec<u32>]) -> Option<(CellKind, Vec<u32>)> {
-    let triangles = faces.iter().filter(|face| face.len() == 3).count();
-    let quads = faces.iter().filter(|face| face.len() == 4).count();
-    if triangles + quads != faces.len() {
-        return None;
-    }
-    let (kind, base_size) = match (triangles, quads) {
-        (4, 0) => (CellKind::TETRA, 3),
-        (0, 6) => (CellKind::HEXAHEDRON, 4),
-        (2, 3) => (CellKind::WEDGE, 3),
-        (4, 1) => (CellKind::PYRAMID, 4),
-        _ => return None,
-    };
-    let base = faces.iter().find(|face| face.len() == base_size)?;
-    let mut nodes = base.clone();
-    // VTK orders the base so that the rest lies above it, except for wedges.
-    if kind != CellKind::WEDGE {
-        nodes.reverse();
-    }
-    let above: Vec<u32> = nodes
-        .iter()
-        .map(|&node| above(faces, base, node))
-        .collect::<Option<_>>()?;
-    match kind {
-        CellKind::TETRA | CellKind::PYRAMID => nodes.push(above[0]),
-        _ => nodes.extend(above),
-    }
-    // Other shapes have the same numbers of faces of these sizes, too.
-    let sorted = |face: &mut Vec<u32>| face.sort_unstable();
-    let mut found = faces.to_vec();
-    found.iter_mut().for_each(sorted);
-    found.sort();
-    let of_kind = kind.faces()?.iter();
-    let corners = |face: &&[u8]| face.iter().map(|&c| nodes[usize::from(c)]).collect();
-    let mut expected: Vec<Vec<u32>> = of_kind.map(corners).collect();
-    expected.iter_mut().for_each(sorted);
-    expected.sort();
-    (found == expected).then_some((kind, nodes))
-}
-
-/// The node outside the base that an edge joins to a node of the base.
-fn above(faces: &[Vec<u32>], base: &[u32], node: u32) -> Option<u32> {
-    let of_face = |face: &Vec<u32>| {
-        let at = face.iter().position(|&n| n == node)?;
-        let last = face.len() - 1;
-        let beside = [
-            face[if at == 0 { last } else { at - 1 }],
-            face[if at == last { 0 } else { at + 1 }],
-        ];
-        beside.into_iter().find(|n| !base.contains(n))
-    };
-    faces.iter().find_map(of_face)
 }

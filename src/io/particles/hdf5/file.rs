@@ -445,9 +445,18 @@ fn read_rows(
             step: 1,
         };
     }
+    selected_bytes(dataset, scalar, &selection)
+}
+
+/// Reads selected numbers of a dataset, as little-endian bytes.
+pub(super) fn selected_bytes(
+    dataset: &hdf5_reader::Dataset,
+    scalar: ScalarType,
+    selection: &SliceInfo,
+) -> hdf5_reader::error::Result<Vec<u8>> {
     macro_rules! of {
         ($t:ty) => {{
-            let numbers = dataset.read_slice::<$t>(&selection)?;
+            let numbers = dataset.read_slice::<$t>(selection)?;
             numbers.iter().flat_map(|n| n.to_le_bytes()).collect()
         }};
     }

@@ -4,6 +4,7 @@
 //! The crate `hdf5-reader` decodes HDF5. Of the pure-Rust readers, it is the one that accepts limits on the memory of a
 //! read. A few hundred bytes of HDF5 can declare gigabytes.
 
+pub(in crate::io) mod arrays;
 mod cell_table;
 pub(in crate::io) mod file;
 pub(in crate::io) mod gadget;
