@@ -43,9 +43,9 @@ extern "C" {
 typedef int32_t ewa_status;
 enum {
     EWA_OK = 0,
-    EWA_INVALID = 1,       /* an argument, a setting or data that do not fit */
+    EWA_INVALID = 1,       /* an argument or a setting that does not fit */
     EWA_IO = 2,            /* a file that cannot be read */
-    EWA_FORMAT = 3,        /* a file with other contents than expected */
+    EWA_FORMAT = 3,        /* contents of data or of a file that cannot be used, or lack a field */
     EWA_NO_ADAPTER = 4,    /* no GPU, or one that does not open */
     EWA_OUT_OF_MEMORY = 5,
     EWA_DEVICE_LOST = 6,   /* the GPU no longer answers */

@@ -17,6 +17,19 @@ pub(crate) enum Numbers {
 }
 
 impl Numbers {
+    /// Returns their number.
+    pub(crate) fn count(&self) -> usize {
+        match self {
+            Self::U8(numbers) => numbers.len(),
+            Self::I16(numbers) => numbers.len(),
+            Self::U16(numbers) => numbers.len(),
+            Self::I32(numbers) => numbers.len(),
+            Self::I64(numbers) => numbers.len(),
+            Self::F32(numbers) => numbers.len(),
+            Self::F64(numbers) => numbers.len(),
+        }
+    }
+
     fn type_name(&self) -> &'static str {
         match self {
             Self::U8(_) => "EWA_U8",

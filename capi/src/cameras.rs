@@ -36,6 +36,11 @@ pub(crate) fn look_at(eye: DVec3, target: DVec3, up: Option<DVec3>, lens: Lens) 
             "{name}: expected a number above 0, and degrees below 180, found {number}"
         )));
     }
+    let all = [eye, target, up.unwrap_or(DVec3::Z)];
+    if !all.iter().all(|vector| vector.is_finite()) || eye == target || up == Some(DVec3::ZERO) {
+        let text = "eye, target, up: expected finite numbers, two different points and a direction, found others";
+        return Err(Failure::invalid(text));
+    }
     Ok(View {
         placement: Placement::LookAt { eye, target },
         lens: Some(lens),

@@ -33,14 +33,38 @@ fn options(text: Option<&str>, name: &str) -> Result<Sampling> {
     }
 }
 
-/// Makes a scene of one field on a geometry.
+/// Checks that there is a value for each place.
+fn counted(name: &str, numbers: &Numbers, expected: usize) -> Result<()> {
+    match numbers.count() {
+        found if found == expected => Ok(()),
+        found => Err(Failure::invalid(format!(
+            "{name}: expected {expected} values, found {found}"
+        ))),
+    }
+}
+
+/// Returns the number of values of a grid.
+fn of_grid(dims: [usize; 3], association: Association) -> Result<usize> {
+    let fewer = usize::from(association == Association::Cells);
+    let mut counts = dims.iter().map(|n| n.saturating_sub(fewer));
+    let count = counts.try_fold(1_usize, usize::checked_mul);
+    count.ok_or_else(|| {
+        let [x, y, z] = dims;
+        Failure::invalid(format!(
+            "dims: expected counts that memory holds, found {x}, {y}, {z}"
+        ))
+    })
+}
+
+/// Makes a scene of one field on a geometry with so many places.
 fn of_field(
     what: &'static str,
     geometry: Geometry,
-    values: Named,
-    association: Association,
+    (values, association): (Named, Association),
+    count: usize,
     text: Option<&str>,
 ) -> Result<Drawable> {
+    counted(&values.name, &values.numbers, count)?;
     let own = options(text, &values.name)?;
     let numbers = values.numbers.values(&values.name)?;
     let fields = vec![field(&values.name, numbers, association)];
@@ -57,6 +81,7 @@ pub(crate) fn points(
     let mut fields: Vec<ewa_splat::io::Field> = Vec::new();
     for column in columns {
         let name = column.name;
+        counted(&name, &column.numbers, positions.len())?;
         if fields
             .iter()
             .any(|own| own.name.eq_ignore_ascii_case(&name))
@@ -86,9 +111,10 @@ pub(crate) fn grid(
     origin: DVec3,
     spacing: DVec3,
     direction: DMat3,
-    (values, association): (Named, Association),
+    values: (Named, Association),
     text: Option<&str>,
 ) -> Result<Drawable> {
+    let count = of_grid(dims, values.1)?;
     let lattice = Lattice {
         dims,
         spacing: LatticeSpacing::Uniform {
@@ -96,46 +122,36 @@ pub(crate) fn grid(
             step: direction * DMat3::from_diagonal(spacing),
         },
     };
-    of_field(
-        "grid",
-        Geometry::Lattice(lattice),
-        values,
-        association,
-        text,
-    )
+    of_field("grid", Geometry::Lattice(lattice), values, count, text)
 }
 
 /// Makes a scene of a rectilinear grid.
 pub(crate) fn rectilinear(
     coordinates: [Numbers; 3],
-    (values, association): (Named, Association),
+    values: (Named, Association),
     text: Option<&str>,
 ) -> Result<Drawable> {
     let [x, y, z] = coordinates;
     let coordinates = [x.floats("x")?, y.floats("y")?, z.floats("z")?];
+    let count = of_grid(coordinates.each_ref().map(Vec::len), values.1)?;
     let lattice = Lattice {
         dims: coordinates.each_ref().map(Vec::len),
         spacing: LatticeSpacing::Rectilinear { coordinates },
     };
-    of_field(
-        "grid",
-        Geometry::Lattice(lattice),
-        values,
-        association,
-        text,
-    )
+    of_field("grid", Geometry::Lattice(lattice), values, count, text)
 }
 
 /// Makes a scene of a curvilinear grid.
 pub(crate) fn structured(
     dims: [usize; 3],
     nodes: Vec<DVec3>,
-    (values, association): (Named, Association),
+    values: (Named, Association),
     text: Option<&str>,
 ) -> Result<Drawable> {
+    let count = of_grid(dims, values.1)?;
     let blocks = vec![CurvilinearBlock { dims, nodes }];
     let geometry = Geometry::Curvilinear { blocks };
-    of_field("structured grid", geometry, values, association, text)
+    of_field("structured grid", geometry, values, count, text)
 }
 
 /// Makes a scene of an unstructured grid.
@@ -146,7 +162,7 @@ pub(crate) fn cells(
     kinds: Numbers,
     offsets: Numbers,
     connectivity: Numbers,
-    (values, association): (Named, Association),
+    values: (Named, Association),
     text: Option<&str>,
 ) -> Result<Drawable> {
     let kinds = kinds.bytes("types")?;
@@ -172,8 +188,12 @@ pub(crate) fn cells(
         lists.extend_from_slice(cell);
         rest = after;
     }
+    let places = match values.1 {
+        Association::Nodes => nodes.len(),
+        Association::Cells => kinds.len(),
+    };
     let mesh = CellMesh::of_lists(nodes, &kinds, &lists)?;
-    of_field("cells", Geometry::Cells(mesh), values, association, text)
+    of_field("cells", Geometry::Cells(mesh), values, places, text)
 }
 
 /// Makes a scene of triangles, with colours, values or neither.
@@ -201,7 +221,7 @@ pub(crate) fn mesh(
         Ok(own)
     };
     let faces = faces.iter().map(face).collect::<Result<Vec<_>>>()?;
-    let count = vertices.len();
+    let (count, face_count) = (vertices.len(), faces.len());
     let mut mesh = Mesh::of_triangles(vertices, faces);
     if let Some(colours) = colours {
         let numbers = colours.floats("colours")?;
@@ -217,7 +237,13 @@ pub(crate) fn mesh(
     }
     let geometry = Geometry::Mesh(mesh);
     match values {
-        Some((values, association)) => of_field("mesh", geometry, values, association, text),
+        Some(values) => {
+            let places = match values.1 {
+                Association::Nodes => count,
+                Association::Cells => face_count,
+            };
+            of_field("mesh", geometry, values, places, text)
+        }
         None => {
             let own = Said::all(text, |said| sampling(said))?;
             Ok(Drawable::of("mesh", geometry, Vec::new(), own)?)

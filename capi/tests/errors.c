@@ -62,10 +62,11 @@ int main(void) {
 
     const size_t dims[] = {2, 2, 1}, big[] = {far, far, 2};
     INVALID(ewa_scene_grid(NULL, NULL, NULL, NULL, &field, EWA_NODES, NULL, &none), "dims");
-    INVALID(ewa_scene_grid(big, NULL, NULL, NULL, &field, EWA_NODES, NULL, &none), "");
+    INVALID(ewa_scene_grid(big, NULL, NULL, NULL, &field, EWA_NODES, NULL, &none), "dims");
     INVALID(ewa_scene_grid(dims, NULL, NULL, NULL, &field, 9, NULL, &none), "EWA_CELLS");
     INVALID(ewa_scene_grid(dims, NULL, NULL, NULL, &field, EWA_NODES, "{\"field\": \"u\"}", &none), "found u");
-    const ewa_array long_values = {"v", values, 2, 0, EWA_I64};
+    const int64_t numbers[4] = {0};
+    const ewa_array long_values = {"v", numbers, 4, 0, EWA_I64};
     INVALID(ewa_scene_grid(dims, NULL, NULL, NULL, &long_values, EWA_NODES, NULL, &none), "EWA_I64");
     INVALID(ewa_scene_rectilinear(&field, &field, NULL, &field, EWA_NODES, NULL, &none), "z");
     INVALID(ewa_scene_structured(dims, NULL, &field, EWA_NODES, NULL, &none), "points");
@@ -79,7 +80,7 @@ int main(void) {
     starts[1] = -4;
     INVALID(ewa_scene_cells(&points, &types, &offsets, &connectivity, &field, EWA_NODES, NULL, &none), "rise");
     starts[1] = 4, corners[3] = 7;
-    INVALID(ewa_scene_cells(&points, &types, &offsets, &connectivity, &field, EWA_NODES, NULL, &none), "7");
+    FAILS(ewa_scene_cells(&points, &types, &offsets, &connectivity, &field, EWA_NODES, NULL, &none), EWA_FORMAT, "7");
     corners[3] = 3;
     GOOD(ewa_scene_cells(&points, &types, &offsets, &connectivity, &field, EWA_NODES, NULL, &scene));
     ewa_scene_free(scene);
@@ -105,7 +106,10 @@ int main(void) {
     INVALID(ewa_camera_along("w", NULL, 0, &camera), "axis");
     INVALID(ewa_camera_calibrated(eye, unit, focal, NULL, 0, 8, 0, &camera), "size");
     GOOD(ewa_camera_calibrated(eye, unit, focal, NULL, 8, 8, 0, &camera));
-    GOOD(ewa_camera_perspective(eye, eye, NULL, 30, &odd));
+    INVALID(ewa_camera_perspective(eye, eye, NULL, 30, &odd), "two different points");
+    const double not[] = {NAN, 0, 0}, zeros[9] = {0};
+    INVALID(ewa_camera_orthographic(not, target, NULL, 1, &odd), "finite");
+    GOOD(ewa_camera_calibrated(eye, zeros, focal, NULL, 8, 8, 0, &odd));
 
     ewa_renderer *renderer = NULL;
     GOOD(ewa_scene_points(&points, &field, 1, "{\"field\": \"v\"}", &scene));
@@ -134,7 +138,7 @@ int main(void) {
     INVALID(ewa_render(renderer, NULL, "{\"composite\": \"under\"}", 8, 8, NULL, &good), "slabs");
     INVALID(ewa_render(renderer, NULL, "{\"tolerance\": 2}", 8, 8, NULL, &good), "tolerance");
     INVALID(ewa_render(renderer, NULL, "{\"depth\": true}", 8, 8, NULL, &good), "depth");
-    INVALID(ewa_render(renderer, odd, NULL, 8, 8, NULL, &good), "");
+    INVALID(ewa_render(renderer, odd, NULL, 8, 8, NULL, &good), "camera");
     GOOD(ewa_render(renderer, camera, NULL, 8, 8, NULL, &good));
     GOOD(*ewa_last_error() ? EWA_INVALID : EWA_OK);
 
@@ -142,7 +146,7 @@ int main(void) {
     INVALID(ewa_columns(renderer, NULL, NULL, 8, 8, NULL, EWA_F32, NULL, 0, NULL), "values");
     INVALID(ewa_columns(renderer, NULL, NULL, 8, 8, NULL, EWA_F32, depth, 63, NULL), "64");
     INVALID(ewa_columns(renderer, NULL, "{\"lit\": true}", 8, 8, NULL, EWA_F32, depth, 64, NULL), "lit");
-    INVALID(ewa_columns(renderer, NULL, "{\"of\": \"w\"}", 8, 8, NULL, EWA_F32, depth, 64, NULL), "w");
+    FAILS(ewa_columns(renderer, NULL, "{\"of\": \"w\"}", 8, 8, NULL, EWA_F32, depth, 64, NULL), EWA_FORMAT, "`w`");
     GOOD(ewa_columns(renderer, NULL, "{\"of\": \"v\"}", 8, 8, NULL, EWA_F32, depth, 64, NULL));
 
     INVALID(ewa_renderer_set_values(renderer, 1, &field, NULL), "thing");
