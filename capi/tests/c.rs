@@ -318,6 +318,27 @@ fn bad_input_ends_in_errors() {
     run_c("tests/errors.c");
 }
 
+#[test]
+fn the_example_of_the_documentation_runs() {
+    let page = std::fs::read_to_string(root().join("../docs/c.md")).unwrap();
+    let (_, rest) = page.split_once("```c\n").unwrap();
+    let (lines, _) = rest.split_once("```").unwrap();
+    assert_eq!(lines.lines().count(), 10);
+    let program = format!(
+        "#include <stdio.h>\n#include \"ewa_splat.h\"\n\
+         static uint8_t pixels[4 * 800 * 600];\nstatic double density[800 * 600];\n\
+         int main(void) {{\nenum {{ n = 50 }};\ndouble x[n], y[n], z[n], h[n], m[n], mass = 0;\n\
+         for (int i = 0; i < n; i++) {{\nx[i] = i % 5; y[i] = i / 5 % 5; z[i] = i / 25; h[i] = 1; m[i] = i;\n}}\n\
+         {lines}\nfor (int i = 0; i < 800 * 600; i++) mass += density[i];\n\
+         ewa_renderer_free(renderer);\newa_scene_free(scene);\n\
+         return *ewa_last_error() || !(mass > 0) || !pixels[4 * (300 * 800 + 400) + 1];\n}}\n"
+    );
+    let folder = tempfile::tempdir().unwrap();
+    let source = folder.path().join("program.c");
+    std::fs::write(&source, program).unwrap();
+    run_c(source.to_str().unwrap());
+}
+
 /// Names of functions in a text, each after `mark`, with their numbers of parameters.
 fn functions(text: &str, mark: &str) -> BTreeSet<(String, usize)> {
     let found = text.match_indices(mark).filter_map(|(at, _)| {
