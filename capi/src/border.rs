@@ -379,7 +379,7 @@ pub(crate) extern "C" fn ewa_abi_version() -> i32 {
 
 #[unsafe(no_mangle)]
 pub(crate) extern "C" fn ewa_last_error() -> *const c_char {
-    last(CStr::as_ptr)
+    last()
 }
 
 #[unsafe(no_mangle)]

@@ -1,7 +1,7 @@
 //! Defines the codes and the texts of errors.
 
 use std::cell::RefCell;
-use std::ffi::{CStr, CString};
+use std::ffi::{CString, c_char};
 
 use ewa_splat::Error;
 
@@ -64,14 +64,16 @@ thread_local! {
     static LAST: RefCell<CString> = RefCell::default();
 }
 
-/// Stores the text of this thread's last call; empty after success.
+/// Stores the text of this thread's last call; empty after success. A thread that ends keeps none.
 pub(crate) fn note(text: &str) {
     // Texts may quote what a caller gave; C's strings end at the first zero.
     let text: Vec<u8> = text.bytes().take_while(|byte| *byte != 0).collect();
-    LAST.with(|last| *last.borrow_mut() = CString::new(text).unwrap_or_default());
+    let text = CString::new(text).unwrap_or_default();
+    let _ = LAST.try_with(|last| *last.borrow_mut() = text);
 }
 
-/// Passes this thread's text on.
-pub(crate) fn last<T>(of: impl FnOnce(&CStr) -> T) -> T {
-    LAST.with(|last| of(&last.borrow()))
+/// Returns a pointer to this thread's text, which lasts until the next one is stored.
+pub(crate) fn last() -> *const c_char {
+    let stored = LAST.try_with(|last| last.borrow().as_ptr());
+    stored.unwrap_or_else(|_| c"".as_ptr())
 }

@@ -141,3 +141,104 @@ impl Session {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::convert::Infallible;
+    use std::panic::{AssertUnwindSafe, catch_unwind};
+    use std::path::PathBuf;
+    use std::sync::Arc;
+
+    use glam::DVec3;
+
+    use super::*;
+    use crate::frame::backend::Backend;
+    use crate::io::{Association, Geometry};
+    use crate::sample::TransferChoice;
+    use crate::session::{Arguments, Drawable, drawing, field, sampling};
+
+    /// Arguments of a caller who gives none.
+    struct Nothing;
+
+    impl Arguments for Nothing {
+        type Error = Infallible;
+
+        fn flag(&mut self, _: &'static str) -> Result<Option<bool>, Infallible> {
+            Ok(None)
+        }
+        fn float(&mut self, _: &'static str) -> Result<Option<f64>, Infallible> {
+            Ok(None)
+        }
+        fn whole(&mut self, _: &'static str) -> Result<Option<i64>, Infallible> {
+            Ok(None)
+        }
+        fn count(&mut self, _: &'static str) -> Result<Option<usize>, Infallible> {
+            Ok(None)
+        }
+        fn text(&mut self, _: &'static str) -> Result<Option<String>, Infallible> {
+            Ok(None)
+        }
+        fn texts(&mut self, _: &'static str) -> Result<Option<Vec<String>>, Infallible> {
+            Ok(None)
+        }
+        fn path(&mut self, _: &'static str) -> Result<Option<PathBuf>, Infallible> {
+            Ok(None)
+        }
+        fn floats<const N: usize>(
+            &mut self,
+            _: &'static str,
+        ) -> Result<Option<[f64; N]>, Infallible> {
+            Ok(None)
+        }
+        fn counts<const N: usize>(
+            &mut self,
+            _: &'static str,
+        ) -> Result<Option<[usize; N]>, Infallible> {
+            Ok(None)
+        }
+        fn rows<const N: usize>(
+            &mut self,
+            _: &'static str,
+        ) -> Result<Option<Vec<[f64; N]>>, Infallible> {
+            Ok(None)
+        }
+        fn transfer(&mut self, _: &'static str) -> Result<Option<TransferChoice>, Infallible> {
+            Ok(None)
+        }
+        fn refused(text: impl Into<String>) -> Infallible {
+            panic!("{}", text.into())
+        }
+    }
+
+    #[test]
+    fn a_session_draws_again_after_a_panic_and_after_cancelled_work() {
+        let positions: Vec<DVec3> = (0..64)
+            .map(|i| DVec3::new(f64::from(i % 4), f64::from(i / 4 % 4), f64::from(i / 16)))
+            .collect();
+        let values: Vec<f32> = (0..64_u8).map(f32::from).collect();
+        let fields = vec![field("value", values.into(), Association::Nodes)];
+        let Ok(own) = sampling(&mut Nothing);
+        let thing = Drawable::of("points", Geometry::Points { positions }, fields, own).unwrap();
+        let session = Session::new(vec![Arc::new(thing)], Backend::Cpu, false);
+        let Ok(drawing) = drawing(&mut Nothing);
+        let request = PictureRequest {
+            view: None,
+            size: [24, 16],
+            drawing: &drawing,
+        };
+        let draw = |task: &Task| session.render(request, task, |_, _, _, _| Ok(()));
+        let (first, ()) = draw(&Task::new()).unwrap();
+        assert!(first.image.pixels.iter().any(|pixel| pixel[3] > 0.1));
+        let fails = || {
+            let fault =
+                |_: &mut Ready, _: &Image, _: &Camera, _| -> Result<()> { panic!("a test") };
+            session.render(request, &Task::new(), fault)
+        };
+        assert!(catch_unwind(AssertUnwindSafe(fails)).is_err());
+        let cancelled = Task::new();
+        cancelled.cancel();
+        assert!(matches!(draw(&cancelled), Err(Error::Cancelled)));
+        let (again, ()) = draw(&Task::new()).unwrap();
+        assert!(again.image == first.image);
+    }
+}
