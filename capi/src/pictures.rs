@@ -57,7 +57,7 @@ pub(crate) fn render(
     task: &Task,
 ) -> Result<DrawnPicture> {
     checked(size)?;
-    let mut drawing = Said::all(text, |said| drawing(said))?;
+    let mut drawing = Said::all(text, drawing)?;
     let settings = &mut drawing.settings;
     let asked = [
         ("depth", &mut settings.depth),

@@ -21,7 +21,7 @@ pub(crate) struct Named {
 
 /// Returns the sampling options for a scene of one field.
 fn options(text: Option<&str>, name: &str) -> Result<Sampling> {
-    let mut own = Said::all(text, |said| sampling(said))?;
+    let mut own = Said::all(text, sampling)?;
     match &own.options.field {
         Some(field) if !field.eq_ignore_ascii_case(name) => Err(Failure::invalid(format!(
             "field: expected {name}, found {field}"
@@ -77,7 +77,7 @@ pub(crate) fn points(
     columns: Vec<Named>,
     text: Option<&str>,
 ) -> Result<Drawable> {
-    let own = Said::all(text, |said| sampling(said))?;
+    let own = Said::all(text, sampling)?;
     let mut fields: Vec<ewa_splat::io::Field> = Vec::new();
     for column in columns {
         let name = column.name;
@@ -245,7 +245,7 @@ pub(crate) fn mesh(
             of_field("mesh", geometry, values, places, text)
         }
         None => {
-            let own = Said::all(text, |said| sampling(said))?;
+            let own = Said::all(text, sampling)?;
             Ok(Drawable::of("mesh", geometry, Vec::new(), own)?)
         }
     }

@@ -5,12 +5,12 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::options::Sampling;
+use super::options::{Opening, Sampling};
 use super::source::{Data, Source};
 use crate::error::{Error, Result};
 use crate::io::{
-    Association, Dataset, Field, FieldSource, Geometry, OpenOptions, ParticleType, StepChoice, Up,
-    format_of, has_particle_types, open, read,
+    Association, Dataset, Field, FieldSource, Geometry, OpenOptions, StepChoice, Up, format_of,
+    has_particle_types, open, read,
 };
 use crate::sample::{SampleOptions, SampleReport, Sampled, is_surface};
 use crate::scene::Values;
@@ -23,17 +23,6 @@ pub struct Drawable {
     pub sources: Vec<Source>,
     /// Direction up, if it was given.
     pub up: Option<DVec3>,
-}
-
-/// Options for opening files.
-#[derive(Debug, Clone, Default)]
-pub struct Opening {
-    /// Options of the library.
-    pub options: OpenOptions,
-    /// Types of the particles that are taken from a snapshot.
-    pub types: Vec<ParticleType>,
-    /// Time step; by default the first.
-    pub step: Option<StepChoice>,
 }
 
 /// Makes a field of an array.

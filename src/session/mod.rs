@@ -17,9 +17,9 @@ mod view;
 
 pub use arguments::{Arguments, choice, number, positive, range};
 pub use columns::{ColumnRequest, DrawnColumn};
-pub use drawable::{Drawable, Opening, field};
+pub use drawable::{Drawable, field};
 pub use forked::with_workers;
-pub use options::{Drawing, Sampling, drawing, lighting, opening, sampling};
+pub use options::{Drawing, Opening, Sampling, drawing, lighting, opening, sampling};
 pub use picture::{DrawnPicture, PictureRequest, check_size};
 pub use sampled::{Purpose, Ready, Sampled, Summed};
 pub use source::{Data, Source};

@@ -3,7 +3,6 @@
 use glam::DVec3;
 
 use super::arguments::{Arguments, choice, number, positive, range};
-use super::drawable::Opening;
 use crate::frame::settings::{Advanced, Blend, Composite, Order, Settings, Show};
 use crate::io::{
     LengthMeaning, OpenOptions, ParticleType, RawLayout, RawType, ReadAs, ScaleMeaning, SphKernel,
@@ -29,6 +28,17 @@ pub struct Sampling {
     pub unit: Option<String>,
     /// Opacity of the boundary that is drawn around a volume.
     pub around: Option<f64>,
+}
+
+/// Options for opening files.
+#[derive(Debug, Clone, Default)]
+pub struct Opening {
+    /// Options of the library.
+    pub options: OpenOptions,
+    /// Types of the particles that are taken from a snapshot.
+    pub types: Vec<ParticleType>,
+    /// Time step; by default the first.
+    pub step: Option<StepChoice>,
 }
 
 /// Takes the sampling options, with the command line's meanings.
