@@ -194,6 +194,10 @@ pub mod reference;
 pub mod render;
 pub mod sample;
 pub mod scene;
+// The Python package and the C interface use it; it changes without notice.
+#[cfg(all(feature = "legend", feature = "prepared"))]
+#[doc(hidden)]
+pub mod session;
 mod simd;
 mod splat;
 pub mod stats;

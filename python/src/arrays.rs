@@ -4,6 +4,7 @@
 //! is held, so that no other Python code changes the array meanwhile.
 
 use ewa_splat::scene::Values;
+use ewa_splat::session::with_workers;
 use glam::{DVec2, DVec3};
 use numpy::{
     Element, PyArrayDescrMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArray,
@@ -12,8 +13,6 @@ use numpy::{
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use rayon::prelude::*;
-
-use crate::forked::with_workers;
 
 /// Rows of three numbers, float32 or float64.
 pub(crate) struct Points(pub(crate) Vec<DVec3>);

@@ -7,7 +7,6 @@ mod arrays;
 mod camera;
 mod drawable;
 mod errors;
-mod forked;
 mod pictures;
 mod program;
 mod renderer;

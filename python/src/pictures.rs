@@ -14,7 +14,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
 use crate::errors::exception;
-use crate::forked::detached;
+use crate::task::detached;
 
 /// Converts an array of four float32 a pixel to a picture.
 fn image(pixels: &PyReadonlyArray3<'_, f32>) -> PyResult<Image> {

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use pyo3::prelude::*;
 
-use crate::forked::detached;
+use crate::task::detached;
 
 /// Runs the program `ewa-splat` and ends the process.
 ///

@@ -5,11 +5,11 @@ use std::sync::mpsc::channel;
 use std::thread;
 use std::time::Duration;
 
+use ewa_splat::session::with_workers;
 use ewa_splat::{Result, Task};
 use pyo3::prelude::*;
 
 use crate::errors::exception;
-use crate::forked::with_workers;
 
 /// Time between checks for a signal.
 const PATIENCE: Duration = Duration::from_millis(20);
@@ -57,4 +57,9 @@ pub(crate) fn run<T: Send>(
         (Some(error), _) => Err(error),
         (None, Ok(result)) => result.map_err(|error| exception(&error)),
     }
+}
+
+/// Releases the interpreter and runs `work` in a pool that has workers for its parallel loops.
+pub(crate) fn detached<T: Send>(py: Python<'_>, work: impl FnOnce() -> T + Send) -> T {
+    py.detach(|| with_workers(work))
 }

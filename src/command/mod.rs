@@ -54,7 +54,6 @@ pub use self::animation::Animation;
 pub use self::driver::quiet_drivers;
 pub use self::statistics::{Prepared, stats};
 pub use self::view::{Automatic, Frame, Over, RefinedView, ViewArguments, ViewRequest, line};
-pub use self::viewpoint::left_of;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 /// Renders volumes, particles, splats and meshes by EWA splatting, and converts them to splats.

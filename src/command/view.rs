@@ -11,12 +11,12 @@ use indicatif::ProgressBar;
 
 use super::render::{self, BackendName};
 use super::usage::refuse_beside;
-use super::viewpoint::{Canvas, left_of};
+use super::viewpoint::Canvas;
 use crate::data::up::Up;
 use crate::load::{Input, Loaded, Series};
 use crate::sample::{BoundaryChoice, Refinement, SampleOptions, TransferChoice};
 use crate::scene::{ScaleName, TransferFunction};
-use crate::view::{Bounds, Camera};
+use crate::view::{Bounds, Camera, left_of};
 use crate::{Backend, Error, Renderer, Result, Settings, Task};
 
 /// Name of the window's program.

@@ -5,8 +5,8 @@ use std::sync::OnceLock;
 
 use crate::data::up::Up;
 use crate::view::{
-    Along, Bounds, Camera, ClipPlane, DEFAULT_FOV_DEG, Lens, Viewpoint, Window, clip_boxes,
-    read_camera, sphere_around,
+    Along, Bounds, Camera, ClipPlane, DEFAULT_FOV_DEG, Lens, Viewpoint, Window, read_camera,
+    sphere_around,
 };
 use crate::{Error, Renderer, Result};
 use clap::{Args, ValueEnum};
@@ -391,11 +391,4 @@ fn shaped(longer: usize, shape: f64) -> [usize; 2] {
 fn shaped_to(height: usize, shape: f64) -> [usize; 2] {
     let width = (height as f64 * shape).round() as usize;
     [width.clamp(1, 65_535), height]
-}
-
-/// Returns the parts of boxes that clip planes leave. If nothing is left, it returns all boxes, so
-/// that a camera can be fitted.
-pub fn left_of(all: Vec<Bounds>, planes: &[ClipPlane]) -> Vec<Bounds> {
-    let left = clip_boxes(&all, planes);
-    if left.is_empty() { all } else { left }
 }

@@ -76,6 +76,13 @@ pub fn clip_boxes(boxes: &[Bounds], planes: &[ClipPlane]) -> Vec<Bounds> {
     boxes.iter().filter_map(clip).collect()
 }
 
+/// Returns the parts of boxes that clip planes leave. If nothing is left, it returns all boxes, so
+/// that a camera can be fitted.
+pub fn left_of(all: Vec<Bounds>, planes: &[ClipPlane]) -> Vec<Bounds> {
+    let left = clip_boxes(&all, planes);
+    if left.is_empty() { all } else { left }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

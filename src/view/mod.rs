@@ -15,5 +15,5 @@ pub use along::{Along, Window};
 pub use camera::{Camera, Projection};
 pub use camera_file::read_camera;
 pub use camera_path::{CameraPath, KeyCamera};
-pub use clip::{ClipPlane, clip_boxes};
+pub use clip::{ClipPlane, clip_boxes, left_of};
 pub use fit::{Bounds, DEFAULT_FOV_DEG, Lens, Viewpoint, sphere_around};

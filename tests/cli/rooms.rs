@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// Rooms from the lowest to the highest; those in one row may import one another.
-const ROOMS: [&[&str]; 16] = [
+const ROOMS: [&[&str]; 17] = [
     &[
         "breadth",
         "collective",
@@ -34,6 +34,7 @@ const ROOMS: [&[&str]; 16] = [
     &["ranks", "render"],
     &["load"],
     &["annotate", "legend", "measure", "overlay"],
+    &["session"],
     &["command"],
 ];
 

@@ -197,7 +197,7 @@ fn check_pictures<'a>(
             ..fitted.clone()
         };
         for (view, camera) in [("fitted", fitted), ("near", near), ("far", far)] {
-            for tolerance in some([1.0 / 64.0, 1.0 / 16.0, 1.0 / 255.0], 0, 2) {
+            for tolerance in some([1.0 / 64.0, 1.0 / 255.0, 1.0 / 16.0], 0, 2) {
                 let [chosen, of_samples] =
                     [at(tolerance), of_samples(tolerance)].map(|own| Settings {
                         lighting: lighting.clone(),

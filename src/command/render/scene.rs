@@ -8,7 +8,7 @@ use crate::collective::{Alone, Collective};
 use crate::command::legend::bars;
 use crate::command::progress::{note, observer_of};
 use crate::command::truth::{ReferenceName, Truth};
-use crate::command::viewpoint::{Canvas, left_of};
+use crate::command::viewpoint::Canvas;
 use crate::data::smoothing::SphKernel;
 use crate::data::up::Up;
 use crate::io::write_bytes_atomically;
@@ -17,7 +17,7 @@ use crate::load::{Loaded, Request, load};
 use crate::ranks::renderer::shared;
 use crate::sample::SampleOptions;
 use crate::scene::{PointVolume, TransferFunction};
-use crate::view::{Bounds, Camera, Lens};
+use crate::view::{Bounds, Camera, Lens, left_of};
 use crate::{Error, Renderer, Result};
 use indicatif::ProgressBar;
 

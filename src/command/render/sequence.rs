@@ -6,12 +6,12 @@ use crate::collective::Collective;
 use crate::command::animation::Animation;
 use crate::command::annotations::Overlays;
 use crate::command::progress::{bar, note};
-use crate::command::viewpoint::{Canvas, left_of};
+use crate::command::viewpoint::Canvas;
 use crate::command::{ranks, words};
 use crate::legend::legend_width;
 use crate::load::{Input, Loaded};
 use crate::sample::SampleOptions;
-use crate::view::{Bounds, Camera};
+use crate::view::{Bounds, Camera, left_of};
 use crate::{Image, Result, Settings};
 use indicatif::ProgressBar;
 

@@ -1,4 +1,4 @@
-//! Supports processes made by `os.fork`, as `multiprocessing` makes them on Linux.
+//! Supports processes made by `fork`, as Python's `multiprocessing` makes them on Linux.
 //!
 //! In the child, only the thread that forked still runs. Rayon's own pool has no workers there and
 //! would wait for ever. The child cannot use its parent's devices.
@@ -6,9 +6,10 @@
 use std::process;
 use std::sync::OnceLock;
 
-use ewa_splat::{Backend, Error, Result};
-use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
+
+use crate::error::{Error, Result};
+use crate::frame::backend::Backend;
 
 /// Process that worked first; Rayon's own pool belongs to it.
 static FIRST: OnceLock<u32> = OnceLock::new();
@@ -32,7 +33,7 @@ pub(crate) fn is_forked() -> bool {
 ///
 /// # Panics
 /// If the system can start no thread.
-pub(crate) fn with_workers<T: Send>(work: impl FnOnce() -> T + Send) -> T {
+pub fn with_workers<T: Send>(work: impl FnOnce() -> T + Send) -> T {
     let own = process::id();
     if *FIRST.get_or_init(|| own) == own {
         return work();
@@ -57,11 +58,6 @@ pub(crate) fn with_workers<T: Send>(work: impl FnOnce() -> T + Send) -> T {
     pool.threads.install(work)
 }
 
-/// Releases the interpreter and runs `work` in a pool that has workers for its parallel loops.
-pub(crate) fn detached<T: Send>(py: Python<'_>, work: impl FnOnce() -> T + Send) -> T {
-    py.detach(|| with_workers(work))
-}
-
 /// Returns the backend to use in this process.
 ///
 /// # Errors
@@ -74,7 +70,7 @@ pub(crate) fn usable(backend: Backend) -> Result<Backend> {
             "process",
             "one that was started afresh, for a GPU",
             "one that was forked after pictures were drawn",
-            "use multiprocessing's \"spawn\" or \"forkserver\", or backend=\"cpu\"",
+            "start processes afresh (multiprocessing's \"spawn\" or \"forkserver\"), or choose the CPU",
         )),
         backend => Ok(backend),
     }

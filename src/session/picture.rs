@@ -1,0 +1,247 @@
+//! Draws pictures of a session.
+
+use super::options::Drawing;
+use super::sampled::{Purpose, Ready};
+use super::state::Session;
+use super::view::{View, camera};
+use crate::error::{Error, Result};
+use crate::frame::settings::Settings;
+use crate::image::Image;
+use crate::legend::{check_legend_size, draw_legend, legend_width};
+use crate::sample::PeriodicBox;
+use crate::task::Task;
+use crate::view::{Bounds, Camera, DEFAULT_FOV_DEG, Lens, left_of};
+
+/// Picture to be drawn.
+#[derive(Debug, Clone, Copy)]
+pub struct PictureRequest<'a> {
+    /// The camera; `None` fits one to the data.
+    pub view: Option<&'a View>,
+    /// Width and height, pixels.
+    pub size: [usize; 2],
+    /// Settings.
+    pub drawing: &'a Drawing,
+}
+
+/// Picture with its depths, normals and camera.
+#[derive(Debug)]
+pub struct DrawnPicture {
+    /// Linear, premultiplied pixels.
+    pub image: Image,
+    /// Depth of each pixel, if the settings ask for it.
+    pub depth: Option<Vec<f32>>,
+    /// Normal of each pixel, if the settings ask for it.
+    pub normals: Option<Vec<[f32; 3]>>,
+    /// Camera of the picture.
+    pub camera: Camera,
+}
+
+/// Checks the size of a picture.
+///
+/// # Errors
+/// No pixels, or more than 65,535 along an edge.
+pub fn check_size(size: [usize; 2]) -> Result<(), String> {
+    if size.iter().all(|n| (1..=65_535).contains(n)) {
+        return Ok(());
+    }
+    let [width, height] = size;
+    Err(format!(
+        "size: expected a width and a height from 1 to 65535, found {width}, {height}"
+    ))
+}
+
+impl Session {
+    /// Prepares a scene for a picture of a checked size, and passes it on with the camera and settings.
+    ///
+    /// # Errors
+    /// Data that cannot be sampled; settings that do not fit the scene; cancelled work.
+    pub fn with_picture<T>(
+        &self,
+        request: PictureRequest<'_>,
+        indices: bool,
+        task: &Task,
+        of: impl FnOnce(&mut Ready, Camera, Settings) -> Result<T>,
+    ) -> Result<T> {
+        let PictureRequest {
+            view,
+            size,
+            drawing,
+        } = request;
+        let mut state = self.lock(task)?;
+        if drawing.transfer.is_some() {
+            state.set_transfer(drawing.transfer.clone())?;
+        }
+        let purpose = Purpose {
+            indices,
+            ..state.purpose(drawing)
+        };
+        let mut settings = drawing.settings.clone();
+        settings
+            .clip
+            .extend(state.periodic()?.iter().flat_map(PeriodicBox::planes));
+        let clip = &settings.clip;
+        let lens = Lens::FovDeg(DEFAULT_FOV_DEG);
+        let up = state.up(view);
+        let of_boxes = |boxes: &[Bounds]| camera(view, up, boxes, lens, size, 0);
+        let ready = state.prepare(purpose, &of_boxes, clip, task)?;
+        let boxes = left_of(ready.renderer.fitted_boxes(), clip);
+        let room = match drawing.legend {
+            true => legend_width(&ready.bars, size),
+            false => 0,
+        };
+        let camera = camera(view, up, &boxes, lens, size, room);
+        if !drawing.has_low_pass {
+            settings.low_pass_variance_px2 = ready.renderer.suitable_low_pass_px2();
+        }
+        settings.task = Some(task.clone());
+        of(state.opened(&camera)?, camera, settings)
+    }
+
+    /// Draws a picture of a checked size.
+    ///
+    /// - `further`: called with the scene, the picture without its colour bar, the camera and the settings.
+    ///
+    /// # Errors
+    /// As [`with_picture`](Self::with_picture); a colour bar of data without a field, or in too small a picture.
+    pub fn render<T>(
+        &self,
+        request: PictureRequest<'_>,
+        task: &Task,
+        further: impl FnOnce(&mut Ready, &Image, &Camera, Settings) -> Result<T>,
+    ) -> Result<(DrawnPicture, T)> {
+        let has_legend = request.drawing.legend;
+        self.with_picture(request, false, task, |ready, camera, settings| {
+            if has_legend && ready.bars.is_empty() {
+                return Err(Error::invalid(
+                    "legend",
+                    "data",
+                    "a field with a transfer function",
+                    "splats, meshes or particles with colours of their own",
+                    "leave it out",
+                ));
+            }
+            if has_legend {
+                check_legend_size(&ready.bars, request.size)?;
+            }
+            let renderer = &mut ready.renderer;
+            let mut image = renderer.render(&camera, &settings)?.clone();
+            let depth = renderer.depth().map(|depth| depth.depths.clone());
+            let normals = renderer.normals().map(|normals| normals.normals.clone());
+            let more = further(ready, &image, &camera, settings)?;
+            if has_legend {
+                draw_legend(&ready.bars, &mut image)?;
+            }
+            let drawn = DrawnPicture {
+                image,
+                depth,
+                normals,
+                camera,
+            };
+            Ok((drawn, more))
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::convert::Infallible;
+    use std::panic::{AssertUnwindSafe, catch_unwind};
+    use std::path::PathBuf;
+    use std::sync::Arc;
+
+    use glam::DVec3;
+
+    use super::*;
+    use crate::frame::backend::Backend;
+    use crate::io::{Association, Geometry};
+    use crate::sample::TransferChoice;
+    use crate::session::{Arguments, Drawable, drawing, field, sampling};
+
+    /// Arguments of a caller who gives none.
+    struct Nothing;
+
+    impl Arguments for Nothing {
+        type Error = Infallible;
+
+        fn flag(&mut self, _: &'static str) -> Result<Option<bool>, Infallible> {
+            Ok(None)
+        }
+        fn float(&mut self, _: &'static str) -> Result<Option<f64>, Infallible> {
+            Ok(None)
+        }
+        fn whole(&mut self, _: &'static str) -> Result<Option<i64>, Infallible> {
+            Ok(None)
+        }
+        fn count(&mut self, _: &'static str) -> Result<Option<usize>, Infallible> {
+            Ok(None)
+        }
+        fn text(&mut self, _: &'static str) -> Result<Option<String>, Infallible> {
+            Ok(None)
+        }
+        fn texts(&mut self, _: &'static str) -> Result<Option<Vec<String>>, Infallible> {
+            Ok(None)
+        }
+        fn pairs(&mut self, _: &'static str) -> Result<Option<Vec<(String, String)>>, Infallible> {
+            Ok(None)
+        }
+        fn path(&mut self, _: &'static str) -> Result<Option<PathBuf>, Infallible> {
+            Ok(None)
+        }
+        fn floats<const N: usize>(
+            &mut self,
+            _: &'static str,
+        ) -> Result<Option<[f64; N]>, Infallible> {
+            Ok(None)
+        }
+        fn counts<const N: usize>(
+            &mut self,
+            _: &'static str,
+        ) -> Result<Option<[usize; N]>, Infallible> {
+            Ok(None)
+        }
+        fn rows<const N: usize>(
+            &mut self,
+            _: &'static str,
+        ) -> Result<Option<Vec<[f64; N]>>, Infallible> {
+            Ok(None)
+        }
+        fn transfer(&mut self, _: &'static str) -> Result<Option<TransferChoice>, Infallible> {
+            Ok(None)
+        }
+        fn refused(text: impl Into<String>) -> Infallible {
+            panic!("{}", text.into())
+        }
+    }
+
+    #[test]
+    fn a_session_draws_again_after_a_panic_and_after_cancelled_work() {
+        let positions: Vec<DVec3> = (0..64)
+            .map(|i| DVec3::new(f64::from(i % 4), f64::from(i / 4 % 4), f64::from(i / 16)))
+            .collect();
+        let values: Vec<f32> = (0..64_u8).map(f32::from).collect();
+        let fields = vec![field("value", values.into(), Association::Nodes)];
+        let Ok(own) = sampling(&mut Nothing);
+        let thing = Drawable::of("points", Geometry::Points { positions }, fields, own).unwrap();
+        let session = Session::new(vec![Arc::new(thing)], Backend::Cpu, false);
+        let Ok(drawing) = drawing(&mut Nothing);
+        let request = PictureRequest {
+            view: None,
+            size: [24, 16],
+            drawing: &drawing,
+        };
+        let draw = |task: &Task| session.render(request, task, |_, _, _, _| Ok(()));
+        let (first, ()) = draw(&Task::new()).unwrap();
+        assert!(first.image.pixels.iter().any(|pixel| pixel[3] > 0.1));
+        let fails = || {
+            let fault =
+                |_: &mut Ready, _: &Image, _: &Camera, _| -> Result<()> { panic!("a test") };
+            session.render(request, &Task::new(), fault)
+        };
+        assert!(catch_unwind(AssertUnwindSafe(fails)).is_err());
+        let cancelled = Task::new();
+        cancelled.cancel();
+        assert!(matches!(draw(&cancelled), Err(Error::Cancelled)));
+        let (again, ()) = draw(&Task::new()).unwrap();
+        assert!(again.image == first.image);
+    }
+}

@@ -1,0 +1,525 @@
+//! Holds the data of a session and the scene made of them.
+
+use std::borrow::Cow;
+use std::fmt;
+use std::process;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use super::drawable::Drawable;
+use super::forked::usable;
+use super::options::Drawing;
+use super::sampled::{Purpose, Ready, Sampled};
+use super::source::{Data, Source};
+use super::view::View;
+use crate::blocks::SceneOptions;
+use crate::error::{Error, Result};
+use crate::frame::backend::Backend;
+use crate::frame::settings::Settings;
+use crate::io::{Dataset, Geometry, Up};
+use crate::legend::{ColourBar, title_of};
+use crate::load::{SurfelDemand, prefer, sample_together};
+use crate::render::Renderer;
+use crate::sample::mesh::Spread;
+use crate::sample::{
+    FunctionOptions, KernelOptions, MeanPart, PeriodicBox, PurposeOptions, SampleOptions,
+    TransferChoice, common_smoothing, field_choices,
+};
+use crate::scene::{Classification, TransferDefaults, TransferFunction, Values};
+use crate::task::Task;
+use crate::view::{Bounds, Camera, ClipPlane, left_of};
+
+/// Ratio of wanted to existing surfels of a mesh above which it is sampled again.
+const DENSER: f64 = 1.5;
+
+/// Data in memory with the scene made of them. It draws one picture at a time.
+pub struct Session {
+    state: Mutex<State>,
+    /// Process that locked the state last. A forked process inherits its parent's locks.
+    process: AtomicU32,
+}
+
+/// Contents of a session.
+pub struct State {
+    things: Vec<Arc<Drawable>>,
+    backend: Backend,
+    /// Last transfer function given for all data.
+    transfer: Option<TransferChoice>,
+    keep_shapes: bool,
+    ready: Option<Ready>,
+}
+
+impl State {
+    /// Forgets a scene on a device that another process opened. Freeing it would call its driver.
+    fn leave_device(&mut self) {
+        let is_of_another = |ready: &mut Ready| {
+            ready.process != process::id() && ready.renderer.adapter().is_some()
+        };
+        if let Some(ready) = self.ready.take_if(is_of_another) {
+            std::mem::forget(ready);
+        }
+    }
+
+    /// Returns all sources, each with the number of its drawable.
+    pub fn sources(&self) -> impl Iterator<Item = (usize, &Source)> {
+        let things = self.things.iter().enumerate();
+        things.flat_map(|(i, thing)| thing.sources.iter().map(move |source| (i, source)))
+    }
+
+    /// Returns the direction up.
+    pub fn up(&self, view: Option<&View>) -> Up {
+        let up = Up::of_scene(self.things.iter().flat_map(|thing| thing.ups()));
+        match view.and_then(|view| view.up) {
+            Some(direction) => Up { direction, ..up },
+            None => up,
+        }
+    }
+
+    /// Returns how surfels are spread over each surface that states no number, and the largest
+    /// number of each. The pixels of a camera determine both; all meshes together get no more
+    /// surfels than one would.
+    fn spreads(
+        &self,
+        purpose: &Purpose,
+        camera: &dyn Fn(&[Bounds]) -> Camera,
+        clip: &[ClipPlane],
+    ) -> Result<Vec<Option<(Spread, usize)>>> {
+        let is_open = |source: &Source| source.options.kernels.spread == Spread::Automatic;
+        let surfaces = self.sources().map(|(_, source)| {
+            let surface = source.surface(purpose.for_columns)?;
+            Ok(surface.filter(|_| is_open(source)))
+        });
+        let surfaces: Vec<Option<Cow<'_, Dataset>>> = surfaces.collect::<Result<_>>()?;
+        if surfaces.iter().all(Option::is_none) {
+            return Ok(vec![None; surfaces.len()]);
+        }
+        let corners = self.sources().filter_map(|(_, source)| source.corners());
+        let boxes = corners.map(|(a, b)| ((a + b) / 2.0, (b - a) / 2.0));
+        let cameras = [camera(&left_of(boxes.collect(), clip))];
+        let demands: Vec<Option<SurfelDemand>> = surfaces
+            .iter()
+            .map(|surface| match &surface.as_ref()?.geometry {
+                Geometry::Mesh(mesh) => Some(SurfelDemand::of(mesh, &cameras)),
+                _ => None,
+            })
+            .collect();
+        Ok(SurfelDemand::share(&demands))
+    }
+
+    /// Samples all drawables. Those that show one field by an automatic transfer function share
+    /// one.
+    pub fn sample(
+        &self,
+        purpose: &Purpose,
+        camera: &dyn Fn(&[Bounds]) -> Camera,
+        clip: &[ClipPlane],
+        task: &Task,
+    ) -> Result<Sampled> {
+        let count = self.sources().count();
+        let spreads = self.spreads(purpose, camera, clip)?;
+        let counts = spreads.iter().map(|own| own.map(|(_, count)| count));
+        let counts: Vec<Option<usize>> = counts.collect();
+        let mut options = Vec::new();
+        for ((_, source), spread) in self.sources().zip(&spreads) {
+            let own = source.options.clone();
+            let own = SampleOptions {
+                kernels: KernelOptions {
+                    spread: spread.map_or(own.kernels.spread, |(spread, _)| spread),
+                    ..own.kernels
+                },
+                function: FunctionOptions {
+                    transfer: purpose.transfer.clone().unwrap_or(own.function.transfer),
+                    ..own.function
+                },
+                field: match &purpose.summed {
+                    None => own.field,
+                    Some(summed) => summed.field(source, purpose.mean)?,
+                },
+                purpose: PurposeOptions {
+                    for_columns: purpose.for_columns,
+                    mean: purpose.mean,
+                    normals: purpose.normals && own.flatten.is_none(),
+                    local_models: purpose.models || own.flatten.is_some(),
+                    keeps_value_sample: count > 1 && !purpose.for_columns,
+                },
+                task: Some(task.clone()),
+                ..own
+            };
+            options.push(own);
+        }
+        let sources: Vec<&Source> = self.sources().map(|(_, source)| source).collect();
+        if count > 1 {
+            let choices = sources.iter().map(|source| match &source.data {
+                Data::Set(dataset) => field_choices(dataset),
+                Data::Surfels(_) => Vec::new(),
+            });
+            prefer(&mut options, choices.collect());
+        }
+        let scenes = sample_together(&options, |i, options| sources[i].scene(options))?;
+        let mut sampled = Sampled {
+            volumes: Vec::new(),
+            smoothing: common_smoothing(scenes.iter().map(|scene| &scene.report)),
+            titles: Vec::new(),
+            units: Vec::new(),
+            fields: Vec::new(),
+            firsts: Vec::new(),
+            counts,
+        };
+        for ((thing, _), scene) in self.sources().zip(scenes) {
+            if thing == sampled.firsts.len() {
+                let report = &scene.report;
+                let is_whole = report.sample_count == report.particle_count;
+                sampled.firsts.push((sampled.volumes.len(), is_whole));
+            }
+            sampled.volumes.extend(scene.volumes);
+            let (field, unit) = (scene.report.field, scene.report.unit);
+            let title = field.as_deref().map(|f| title_of(f, unit.as_deref()));
+            sampled.titles.resize(sampled.volumes.len(), title);
+            sampled.units.resize(sampled.volumes.len(), unit);
+            sampled.fields.resize(sampled.volumes.len(), field);
+        }
+        Ok(sampled)
+    }
+
+    /// Returns the periodic box of all particles.
+    ///
+    /// # Errors
+    /// Things with different boxes, or with and without one.
+    pub fn periodic(&self) -> Result<Option<PeriodicBox>> {
+        let mut boxes = self.sources().map(|(_, source)| source.options.periodic);
+        let first = boxes.next().flatten();
+        match boxes.all(|own| own == first) {
+            true => Ok(first),
+            false => Err(Error::invalid(
+                "box",
+                "things",
+                "the same periodic box for all",
+                "different ones",
+                "give all the same",
+            )),
+        }
+    }
+
+    /// Prepares the scene, unless it is ready.
+    pub fn prepare(
+        &mut self,
+        purpose: Purpose,
+        camera: &dyn Fn(&[Bounds]) -> Camera,
+        clip: &[ClipPlane],
+        task: &Task,
+    ) -> Result<&mut Ready> {
+        let is_ready = self.ready.as_ref().is_some_and(|ready| {
+            let serves = Purpose {
+                detail: ready.purpose.detail || purpose.detail,
+                indices: ready.purpose.indices || purpose.indices,
+                shapes: ready.purpose.shapes || purpose.shapes,
+                ..purpose.clone()
+            };
+            let denser = || {
+                let wanted = self.spreads(&purpose, camera, clip).unwrap_or_default();
+                let mut pairs = ready.counts.iter().zip(wanted);
+                pairs.any(|(own, wanted)| {
+                    own.zip(wanted)
+                        .is_some_and(|(own, (_, wanted))| wanted as f64 > DENSER * own as f64)
+                })
+            };
+            ready.purpose == serves && !denser()
+        });
+        if !is_ready {
+            // The old scene is freed before the new one is made.
+            self.ready = None;
+            self.ready = Some(self.made(purpose, camera, clip, task)?);
+        }
+        match &mut self.ready {
+            Some(ready) => Ok(ready),
+            None => unreachable!("it was made above"),
+        }
+    }
+
+    /// Makes a scene ready to be drawn.
+    fn made(
+        &self,
+        purpose: Purpose,
+        camera: &dyn Fn(&[Bounds]) -> Camera,
+        clip: &[ClipPlane],
+        task: &Task,
+    ) -> Result<Ready> {
+        let begun = Instant::now();
+        let sampled = self.sample(&purpose, camera, clip, task)?;
+        let read_ms = begun.elapsed().as_secs_f64() * 1e3;
+        let title = sampled.title();
+        let named = sampled.volumes.iter().zip(&sampled.titles);
+        let bars = named.filter_map(|(volume, title)| {
+            ColourBar::of_volume(title.as_deref().unwrap_or("value"), volume)
+        });
+        let mut different: Vec<ColourBar> = Vec::new();
+        for bar in bars {
+            if !different.contains(&bar) {
+                different.push(bar);
+            }
+        }
+        let volumes = sampled.volumes.iter();
+        let functions = volumes.map(|volume| volume.transfer_function.clone());
+        let functions = functions.collect();
+        let start = Instant::now();
+        let options = SceneOptions {
+            level_of_detail: purpose.detail,
+            keep_shapes: purpose.shapes,
+            keep_indices: purpose.indices,
+            task: Some(task.clone()),
+        };
+        let renderer = Renderer::with_options(sampled.volumes, &options)?;
+        // With an automatic backend, the device is chosen when the first picture needs one.
+        let backend = usable(self.backend)?;
+        let is_open = backend != Backend::Auto;
+        let renderer = match is_open {
+            true => renderer.on(backend.open()?)?,
+            false => renderer,
+        };
+        Ok(Ready {
+            purpose,
+            process: process::id(),
+            renderer,
+            is_open,
+            bars: different,
+            functions,
+            firsts: sampled.firsts,
+            counts: sampled.counts,
+            smoothing: sampled.smoothing,
+            title,
+            begun,
+            read_ms,
+            prepare_ms: start.elapsed().as_secs_f64() * 1e3,
+        })
+    }
+
+    /// Returns the ready scene, on a device if a picture of this camera is worth it.
+    pub fn opened(&mut self, camera: &Camera) -> Result<&mut Ready> {
+        let waits = |ready: &mut Ready| !ready.is_open && !ready.renderer.suits_cpu(camera, 1);
+        if let Some(ready) = self.ready.take_if(waits) {
+            self.ready = Some(Ready {
+                renderer: ready.renderer.on(usable(self.backend)?.open()?)?,
+                is_open: true,
+                ..ready
+            });
+        }
+        match &mut self.ready {
+            Some(ready) => Ok(ready),
+            None => unreachable!("it was prepared before"),
+        }
+    }
+
+    /// Returns the purpose of pictures with these settings.
+    pub fn purpose(&self, drawing: &Drawing) -> Purpose {
+        let settings = &drawing.settings;
+        let slabs = settings.classifies_slabs();
+        let by_extent = settings.classify == Classification::Extent;
+        Purpose {
+            for_columns: false,
+            mean: MeanPart::None,
+            summed: None,
+            normals: drawing.is_lit && !is_post_classified(settings),
+            models: by_extent || slabs,
+            detail: settings.draws_merged(),
+            indices: false,
+            shapes: self.keep_shapes,
+            transfer: self.transfer.clone(),
+        }
+    }
+
+    /// Returns true if shapes are kept for other values.
+    pub(crate) fn keeps_shapes(&self) -> bool {
+        self.keep_shapes
+    }
+
+    /// Returns the chosen back end.
+    pub(crate) fn backend(&self) -> Backend {
+        self.backend
+    }
+
+    /// Sets a transfer function for all data. It takes effect at once if no sampled data depend on
+    /// it, otherwise when the next picture is drawn.
+    pub fn set_transfer(&mut self, choice: Option<TransferChoice>) -> Result<()> {
+        if choice == self.transfer {
+            return Ok(());
+        }
+        let is_plain = self.sources().all(|(_, source)| source.is_plain());
+        if let (Some(TransferChoice::Text(text)), Some(ready), true) =
+            (&choice, &mut self.ready, is_plain)
+            && let Some(functions) = exchanged(text, &ready.functions)?
+        {
+            for (i, function) in functions.iter().enumerate() {
+                if let Some(function) = function {
+                    ready.renderer.set_transfer_function(i, function.clone())?;
+                }
+            }
+            for bar in &mut ready.bars {
+                if let Some(function) = functions.iter().flatten().next() {
+                    *bar = bar.with_transfer_function(function);
+                }
+            }
+            ready.bars.dedup();
+            ready.functions = functions;
+            ready.purpose.transfer.clone_from(&choice);
+        }
+        self.transfer = choice;
+        Ok(())
+    }
+}
+
+/// Returns new transfer functions from one text in place of old ones. It returns `None` if the data
+/// must be sampled again: if the scale differs, so do the stored positions of values, and if the
+/// text states no unit distance, sampling finds it.
+fn exchanged(
+    text: &str,
+    old: &[Option<TransferFunction>],
+) -> Result<Option<Vec<Option<TransferFunction>>>> {
+    let of = |range: [f32; 2], unit_distance: f64| {
+        let defaults = TransferDefaults {
+            range,
+            unit_distance,
+        };
+        TransferFunction::from_json("transfer function".as_ref(), text, &defaults)
+    };
+    let mut new = Vec::new();
+    for old in old {
+        let Some(old) = old else {
+            new.push(None);
+            continue;
+        };
+        let ([low, high], unit) = (old.range(), old.unit_distance());
+        let one = of([low, high], unit)?;
+        // Two sets of defaults give different functions if the text leaves anything open.
+        let other = of([low - 1.0, high + 1.0], 2.0 * unit)?;
+        let Some(moved) = one.moved_to(old.value_scale()).filter(|_| one == other) else {
+            return Ok(None);
+        };
+        new.push(Some(moved));
+    }
+    Ok(Some(new))
+}
+
+/// Returns true if slabs are classified by their mean values and compute their own slopes.
+fn is_post_classified(settings: &Settings) -> bool {
+    settings.classify == Classification::Slab
+}
+
+impl fmt::Debug for Session {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Session").finish_non_exhaustive()
+    }
+}
+
+impl fmt::Debug for State {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("State").finish_non_exhaustive()
+    }
+}
+
+impl Session {
+    /// Makes a session of drawables.
+    ///
+    /// - `keep_shapes`: true if values may be replaced without sampling the data again.
+    pub fn new(things: Vec<Arc<Drawable>>, backend: Backend, keep_shapes: bool) -> Self {
+        Self {
+            state: Mutex::new(State {
+                things,
+                backend,
+                transfer: None,
+                keep_shapes,
+                ready: None,
+            }),
+            process: AtomicU32::new(0),
+        }
+    }
+
+    /// Replaces the values of a drawable by as many others. It samples the data again only if it must.
+    ///
+    /// # Errors
+    /// No such drawable; one without a field of values; another number of values.
+    pub fn set_values(&self, thing: usize, values: Values, task: &Task) -> Result<()> {
+        let mut state = self.lock(task)?;
+        let count = state.things.len();
+        let Some(old) = state.things.get(thing) else {
+            let (expected, found) = (format!("one of {count}"), thing.to_string());
+            return Err(Error::invalid(
+                "thing",
+                "number",
+                expected,
+                found,
+                "name another",
+            ));
+        };
+        let new = Arc::new(old.with_values(values.clone())?);
+        let quick = state.ready.as_mut().filter(|ready| ready.purpose.shapes);
+        if let Some(ready) = quick
+            && let (first, true) = ready.firsts[thing]
+            && let Some(function) = &ready.functions[first]
+            && values.non_finite_count() == 0
+        {
+            let values = function.value_scale().positions(values);
+            ready.renderer.set_values(first, values)?;
+        } else {
+            state.ready = None;
+        }
+        state.things[thing] = new;
+        Ok(())
+    }
+
+    /// Returns the adapter that draws, or `None` for the CPU.
+    ///
+    /// # Errors
+    /// Cancelled work.
+    pub fn adapter(&self, task: &Task) -> Result<Option<String>> {
+        let state = self.lock(task)?;
+        Ok(state
+            .ready
+            .as_ref()
+            .and_then(|ready| ready.renderer.adapter()))
+    }
+
+    /// Locks the state, once no other thread draws.
+    pub fn lock(&self, task: &Task) -> Result<MutexGuard<'_, State>> {
+        let mut turns = 0;
+        loop {
+            match self.state.try_lock() {
+                Ok(mut state) => {
+                    self.process.store(process::id(), Ordering::Relaxed);
+                    state.leave_device();
+                    return Ok(state);
+                }
+                // After a panic, the state is as before, or lacks what is made anew.
+                Err(TryLockError::Poisoned(poisoned)) => {
+                    let mut state = poisoned.into_inner();
+                    state.ready = None;
+                    self.state.clear_poison();
+                    return Ok(state);
+                }
+                Err(TryLockError::WouldBlock) => {
+                    if task.is_cancelled() {
+                        return Err(Error::Cancelled);
+                    }
+                    let owner = self.process.load(Ordering::Relaxed);
+                    // A thread of this process that has just locked the state stores its process
+                    // number at once.
+                    turns = match owner == 0 || owner == process::id() {
+                        true => 0,
+                        false => turns + 1,
+                    };
+                    if turns > 100 {
+                        return Err(Error::invalid(
+                            "Renderer",
+                            "process",
+                            "one in which no other thread was drawing when it was forked",
+                            "a renderer that its parent was drawing with",
+                            "make another renderer of the same things",
+                        ));
+                    }
+                    sleep(Duration::from_millis(1));
+                }
+            }
+        }
+    }
+}
