@@ -124,6 +124,12 @@ pub fn is_surface(dataset: &Dataset) -> bool {
     matches!(dataset.geometry, Geometry::Mesh(_)) || self::surface::flat_grid::is_flat(dataset)
 }
 
+/// Returns true if [`scene`] draws the outside of cells, which have no field to show.
+pub(crate) fn shows_outside(dataset: &Dataset, options: &SampleOptions) -> bool {
+    let is_of_cells = matches!(dataset.geometry, Geometry::Cells(_));
+    is_of_cells && options.field.is_none() && !has_choice(dataset)
+}
+
 /// Turns a grid of one layer, or cells without any field, into a mesh, of which [`scene`] makes surfels. Cells
 /// become their outer surface. If the options ask for the boundary ([`SampleOptions::surface`]), a grid of any kind
 /// becomes its boundary. Other data sets are returned unchanged.
@@ -138,8 +144,7 @@ pub fn as_surface(dataset: Dataset, options: &SampleOptions) -> Result<Dataset> 
     if options.purpose.for_columns {
         return Ok(dataset);
     }
-    let is_of_cells = matches!(dataset.geometry, Geometry::Cells(_));
-    match is_of_cells && options.field.is_none() && !has_choice(&dataset) {
+    match shows_outside(&dataset, options) {
         true => self::surface::hull::as_mesh(dataset),
         false => self::surface::flat_grid::as_surface(dataset),
     }

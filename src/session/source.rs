@@ -9,7 +9,7 @@ use crate::error::Result;
 use crate::io::{Dataset, Geometry, Up};
 use crate::sample::{
     BoundaryChoice, SampleOptions, SampleReport, Sampled, SampledScene, as_surface, is_surface,
-    scene,
+    scene, shows_outside,
 };
 use crate::scene::Particles;
 use crate::task::Task;
@@ -192,7 +192,8 @@ impl Source {
         if self.is_mesh() {
             return Ok(Some(Cow::Borrowed(&**dataset)));
         }
-        if self.options.surface.is_none() && (for_columns || !is_surface(dataset)) {
+        let is_drawn = is_surface(dataset) || shows_outside(dataset, &self.options);
+        if self.options.surface.is_none() && (for_columns || !is_drawn) {
             return Ok(None);
         }
         let surface = as_surface(Dataset::clone(dataset), &self.options)?;
