@@ -45,8 +45,11 @@ fn counted(name: &str, numbers: &Numbers, expected: usize) -> Result<()> {
 
 /// Returns the number of values of a grid.
 fn of_grid(dims: [usize; 3], association: Association) -> Result<usize> {
-    let fewer = usize::from(association == Association::Cells);
-    let mut counts = dims.iter().map(|n| n.saturating_sub(fewer));
+    // A layer of nodes has one layer of cells.
+    let mut counts = dims.iter().map(|&n| match association {
+        Association::Cells => n.saturating_sub(1).max(1),
+        _ => n,
+    });
     let count = counts.try_fold(1_usize, usize::checked_mul);
     count.ok_or_else(|| {
         let [x, y, z] = dims;

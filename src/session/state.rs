@@ -480,19 +480,22 @@ impl Session {
             .and_then(|ready| ready.renderer.adapter()))
     }
 
+    /// Notes the process that holds the state, and leaves a device of its parent alone.
+    fn entered<'a>(&self, mut state: MutexGuard<'a, State>) -> MutexGuard<'a, State> {
+        self.process.store(process::id(), Ordering::Relaxed);
+        state.leave_device();
+        state
+    }
+
     /// Locks the state, once no other thread draws.
     pub fn lock(&self, task: &Task) -> Result<MutexGuard<'_, State>> {
         let mut turns = 0;
         loop {
             match self.state.try_lock() {
-                Ok(mut state) => {
-                    self.process.store(process::id(), Ordering::Relaxed);
-                    state.leave_device();
-                    return Ok(state);
-                }
+                Ok(state) => return Ok(self.entered(state)),
                 // After a panic, the state is as before, or lacks what is made anew.
                 Err(TryLockError::Poisoned(poisoned)) => {
-                    let mut state = poisoned.into_inner();
+                    let mut state = self.entered(poisoned.into_inner());
                     state.ready = None;
                     self.state.clear_poison();
                     return Ok(state);

@@ -149,3 +149,15 @@ fn files_may_end_anywhere() {
         .to_string();
     assert!(error.contains("positions (`X`)"), "{error}");
 }
+
+#[test]
+fn numbers_of_steps_are_bounded_by_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.nek5000");
+    let text = "filetemplate: a%01d.f%05d\nfirsttimestep: 4294967290\nnumtimesteps: 100\n";
+    std::fs::write(&path, text).unwrap();
+    let error = open(&path, &OpenOptions::default())
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("no file"), "{error}");
+}

@@ -250,3 +250,78 @@ fn references_end() {
         assert!(error.contains("expected"), "{error}");
     }
 }
+
+/// A file of these grids.
+fn of_grids(grids: &str) -> String {
+    format!(r#"<?xml version="1.0"?><Xdmf Version="3.0"><Domain>{grids}</Domain></Xdmf>"#)
+}
+
+/// A uniform grid of four nodes at a time, with cells as numbers of a mixed topology.
+fn grid_at(time: f64, cells: &str) -> String {
+    let item = |dims: &str, text: &str| {
+        format!(r#"<DataItem Dimensions="{dims}" Format="XML">{text}</DataItem>"#)
+    };
+    let nodes = item("4 3", "0 0 0 1 0 0 0 1 0 0 0 1");
+    let (cells, values) = (
+        item(&cells.split(' ').count().to_string(), cells),
+        item("4", "0 1 2 3"),
+    );
+    format!(
+        r#"<Grid Name="b"><Time Value="{time}"/><Topology TopologyType="Mixed">{cells}</Topology>
+        <Geometry GeometryType="XYZ">{nodes}</Geometry><Attribute Name="f" Center="Node">{values}</Attribute></Grid>"#
+    )
+}
+
+#[test]
+fn collections_have_the_times_of_their_blocks() {
+    let tetrahedron = "6 0 1 2 3";
+    let folder = tempfile::tempdir().unwrap();
+    let times = |text: String| -> Vec<Option<f64>> {
+        let path = folder.path().join("a.xdmf");
+        std::fs::write(&path, text).unwrap();
+        let format = format_of(&path, &OpenOptions::default()).unwrap();
+        let steps = format.time_steps(&path).unwrap();
+        steps.iter().map(|step| step.time).collect()
+    };
+    let block = |time| {
+        format!(
+            r#"<Grid GridType="Collection">{}</Grid>"#,
+            grid_at(time, tetrahedron)
+        )
+    };
+    let both = block(0.5) + &block(2.5);
+    let nested = format!(r#"<Grid GridType="Collection" CollectionType="Temporal">{both}</Grid>"#);
+    assert_eq!(times(of_grids(&nested)), [Some(0.5), Some(2.5)]);
+    // A type of collection makes a grid one.
+    let short = format!(r#"<Grid CollectionType="Temporal">{both}</Grid>"#);
+    assert_eq!(times(of_grids(&short)), [Some(0.5), Some(2.5)]);
+    // More steps than a document of the usual length has nodes for.
+    let steps: String = (0..4000)
+        .map(|i| grid_at(f64::from(i), tetrahedron))
+        .collect();
+    let many = format!(r#"<Grid GridType="Collection" CollectionType="Temporal">{steps}</Grid>"#);
+    assert_eq!(times(of_grids(&many)).len(), 4000);
+}
+
+#[test]
+fn faces_of_cells_are_left_out_with_a_note() {
+    let data = of_text(&of_grids(&grid_at(0.0, "6 0 1 2 3 4 0 1 2"))).unwrap();
+    assert_eq!(cells(&data).cell_count(), 1);
+    let notes = data.notes.join(" ");
+    assert!(notes.contains("1 pieces of surfaces"), "{notes}");
+}
+
+#[test]
+fn short_numbers_and_commas_are_read() {
+    let side = 96;
+    let count = side * side * side;
+    let numbers = "1 ".repeat(count);
+    let text = of_grids(&format!(
+        r#"<Grid><Topology TopologyType="3DCoRectMesh" Dimensions="{side},{side},{side}"/><Geometry
+        GeometryType="ORIGIN_DXDYDZ"><DataItem Dimensions="3" Format="XML">0 0 0</DataItem><DataItem Dimensions="3"
+        Format="XML">1 1 1</DataItem></Geometry><Attribute Name="f" Center="Node"><DataItem Dimensions="{count}"
+        Format="XML">{numbers}</DataItem></Attribute></Grid>"#
+    ));
+    let data = of_text(&text).unwrap();
+    assert!(matches!(&data.geometry, Geometry::Lattice(lattice) if lattice.dims == [side; 3]));
+}

@@ -43,9 +43,10 @@ def numbers(data: object, name: str) -> NDArray[Any]:
         else:
             data = data.data
     kind = getattr(getattr(data, "dtype", None), "kind", None)
-    if hasattr(data, "isna") and kind in ("b", "u", "i", "f") and data.isna().any():
-        # Columns of pandas with missing numbers.
-        data = data.to_numpy(dtype=np.float64, na_value=np.nan)
+    if hasattr(data, "isna") and kind in ("b", "u", "i", "f"):
+        # Columns of pandas, perhaps with missing numbers.
+        column: Any = data
+        data = column.to_numpy(dtype=np.float64, na_value=np.nan) if column.isna().any() else column
     if not isinstance(data, np.ndarray) and hasattr(data, "__dlpack__"):
         data = np.from_dlpack(data)
     try:

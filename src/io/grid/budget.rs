@@ -1,6 +1,7 @@
 //! Limits the memory of arrays that may be larger than their file.
 
 use std::cell::Cell;
+use std::fmt::Display;
 use std::path::Path;
 
 use crate::error::{Error, Result};
@@ -35,18 +36,20 @@ impl<'a> Budget<'a> {
 
     /// Subtracts `count` numbers of `size` bytes each.
     ///
+    /// - `place`: is formatted for the error alone.
+    ///
     /// # Errors
     /// They are more than are left.
-    pub(super) fn spend(&self, place: &str, count: usize, size: usize) -> Result<()> {
+    pub(super) fn spend(&self, place: impl Display, count: usize, size: usize) -> Result<()> {
         let wanted = count.checked_mul(size);
         let left = wanted.and_then(|wanted| self.left.get().checked_sub(wanted));
         let left = left.ok_or_else(|| {
             Error::format(
                 self.path,
-                place,
+                place.to_string(),
                 format!("arrays of at most {MOST_INFLATION} times the bytes of the files in all"),
                 format!("{count} numbers more"),
-                "the file is damaged: save it again, or its results in several files",
+                "the file is damaged, or packs equal numbers: save it again, its results in several files",
             )
         })?;
         self.left.set(left);

@@ -100,7 +100,7 @@ pub(in crate::io) fn steps(input: Input<'_>) -> Result<Vec<TimeStep>> {
     }
 }
 
-/// What the text before the numbers says.
+/// Header: the text before the numbers.
 struct Header {
     word: ScalarType,
     dims: [usize; 3],
@@ -203,7 +203,14 @@ impl<'a> FieldFile<'a> {
             Some(&word) if is_test(f32::from_be_bytes(word)) => true,
             _ => {
                 let expected = "6.54321 in four bytes".to_owned();
-                return Err(fault("byte 132", expected, format!("{test:?}")));
+                return Err(fault(
+                    "byte 132",
+                    expected,
+                    test.map_or_else(
+                        || "the end of the file".into(),
+                        |bytes| format!("{bytes:?}"),
+                    ),
+                ));
             }
         };
         let encoding = Encoding {
@@ -419,6 +426,12 @@ fn earlier_positions(
         if earlier.elements == file.elements {
             return Ok((nodes, other, bytes.len()));
         }
+        if file.elements.len() > earlier.elements.len() {
+            let expected = format!("{} elements", file.elements.len());
+            let found = earlier.elements.len().to_string();
+            let advice = "put the first file of this run there";
+            return Err(Error::format(&other, "header", expected, found, advice));
+        }
         let places: HashMap<u32, usize> = earlier.elements.iter().copied().zip(0..).collect();
         let per = file.header.per_element();
         let mut ordered = Vec::with_capacity(file.elements.len() * per);
@@ -475,7 +488,10 @@ fn named(input: Input<'_>) -> Result<Vec<TimeStep>> {
                     break;
                 }
                 let found = format!("no file `{}`", name.chars().take(60).collect::<String>());
-                let expected = format!("files of the times {first} to {}", first + (count - 1));
+                let expected = format!(
+                    "files of the times {first} to {}",
+                    first.saturating_add(count.saturating_sub(1))
+                );
                 let advice = "put the files beside it, or correct `numtimesteps`";
                 return Err(Error::format(
                     path,

@@ -270,7 +270,11 @@ pub(in crate::io) fn beside(path: &Path, name: &str) -> Result<PathBuf> {
 ///
 /// # Errors
 /// A path that leads outside the folder: absolute, with a scheme, or through a parent folder.
-pub(in crate::io) fn beside_as(path: &Path, place: &str, name: &str) -> Result<PathBuf> {
+pub(in crate::io) fn beside_as(
+    path: &Path,
+    place: impl std::fmt::Display,
+    name: &str,
+) -> Result<PathBuf> {
     // The path may use Windows separators.
     let name = name.trim().replace('\\', "/");
     let is_inside = |part: Component<'_>| matches!(part, Component::Normal(_) | Component::CurDir);
@@ -279,7 +283,7 @@ pub(in crate::io) fn beside_as(path: &Path, place: &str, name: &str) -> Result<P
     if name.is_empty() || name.contains('\0') || name.contains(':') || !is_relative {
         return Err(Error::format(
             path,
-            place,
+            place.to_string(),
             "a relative path, beside this file or in a folder below",
             format!("`{}`", clip(&name)),
             "put the file there, and name it so",

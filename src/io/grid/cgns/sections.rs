@@ -217,7 +217,13 @@ impl Section {
                 && offsets.get(i).and_then(|&n| usize::try_from(n).ok()) != Some(start)
             {
                 let expected = format!("element {i} at place {start}, behind the one before");
-                return Err(self.fault(tree, &expected, format!("{:?}", offsets.get(i))));
+                return Err(self.fault(
+                    tree,
+                    &expected,
+                    offsets
+                        .get(i)
+                        .map_or_else(|| "none".into(), ToString::to_string),
+                ));
             }
             let kind = rest.first().copied().unwrap_or(0);
             let Some(element) = element(kind) else {
@@ -256,7 +262,9 @@ impl Section {
                     self.fault(
                         tree,
                         expected,
-                        format!("{:?} of element {i}", offsets.get(i)),
+                        offsets
+                            .get(i)
+                            .map_or_else(|| "none".into(), |at| format!("{at} of element {i}")),
                     )
                 })?);
             }

@@ -198,13 +198,17 @@ impl<'a> Reading<'a> {
                 continue;
             };
             let numbers = real(&numbers);
+            let found = numbers.len();
             let numbers = without_rind(numbers.len(), dims, count, &rind)
                 .map(|core| core.map(|i| numbers[i]).collect::<Vec<f64>>());
             axes.push((
                 name,
                 numbers.ok_or_else(|| {
-                    let expected = format!("numbers of {count:?} nodes and of the rind {rind:?}");
-                    tree.fault(array, expected, "others".to_owned())
+                    let expected = match count {
+                        Some(count) => format!("numbers of {count} nodes and of the rind {rind:?}"),
+                        None => format!("numbers of nodes and of the rind {rind:?}"),
+                    };
+                    tree.fault(array, expected, format!("{found} numbers"))
                 })?,
             ));
         }

@@ -45,7 +45,7 @@ pub(super) struct Section {
     pub(super) step: i64,
     components: usize,
     count: u64,
-    /// Where its entries begin.
+    /// Place at which its entries begin.
     at: usize,
 }
 

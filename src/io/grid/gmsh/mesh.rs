@@ -27,7 +27,7 @@ pub(super) enum Version {
 /// An entity of the model: the dimensions and the number.
 type EntityKey = (i64, i64);
 
-/// What elements on an entity belong to.
+/// Groups and partition of the elements on an entity.
 #[derive(Debug, Clone, Copy, Default)]
 struct Entity {
     physical: i32,
@@ -425,13 +425,18 @@ impl Mesh {
     }
 }
 
-/// What the tags of version 2 say.
+/// Returns the groups and the partition that the tags of version 2 state. Three tags are those of version 2.0.
 fn of_tags(tags: &[i64]) -> Entity {
     let tag = |i: usize| tags.get(i).copied().map_or(0, shortened);
     Entity {
-        physical: tag(0),
+        // A negative group turns the element round.
+        physical: tag(0).saturating_abs(),
         own: tag(1),
-        partition: if tag(2) > 0 { tag(3) } else { 0 },
+        partition: match tags.len() {
+            3 => tag(2),
+            _ if tag(2) > 0 => tag(3),
+            _ => 0,
+        },
     }
 }
 

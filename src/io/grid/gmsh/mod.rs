@@ -270,7 +270,7 @@ fn format(stream: &mut Stream<'_>) -> Result<Version> {
     Ok(version)
 }
 
-/// What is left out or reduced, and the names of groups.
+/// Notes on parts that are left out or reduced, and the names of groups.
 fn mesh_notes(mesh: &Mesh) -> Vec<String> {
     let mut notes = Vec::new();
     if mesh.left_out > 0 {

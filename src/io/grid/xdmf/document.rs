@@ -9,14 +9,16 @@
 //! `[@Name="x"]` and `[self::A or self::B]`.
 
 use std::cell::Cell;
+use std::fmt;
 use std::path::Path;
 
 use roxmltree::{Document, Node, ParsingOptions};
 
 use crate::error::{Error, Result};
 
-/// Most elements of a file: far more than any writer makes, far fewer than fill the memory.
-const MOST_ELEMENTS: u32 = 1 << 20;
+/// Most nodes of the document (elements, their text, and the space between them), for each byte of the file and in any case.
+/// Entities could otherwise make any number.
+const MOST_NODES: (f64, u32) = (0.125, 1 << 20);
 
 /// Most references that lead from one to another.
 const MOST_STEPS: usize = 16;
@@ -32,16 +34,43 @@ pub(super) struct Xml<'a> {
     visits: Cell<usize>,
 }
 
+/// Place of an element. Its line is counted when it is formatted, from the start of the file.
+pub(super) struct Place<'n, 'd>(Node<'n, 'd>);
+
+impl fmt::Display for Place<'_, '_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let line = self.0.document().text_pos_at(self.0.range().start).row;
+        write!(
+            f,
+            "element `{}`, line {line}",
+            clipped(self.0.tag_name().name())
+        )
+    }
+}
+
 impl<'a> Xml<'a> {
     pub(super) fn parse(path: &'a Path, text: &'a str) -> Result<Self> {
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a share of a length, which saturates"
+        )]
+        let most = ((text.len() as f64 * MOST_NODES.0) as u32).max(MOST_NODES.1);
         let options = ParsingOptions {
             // Writers name `Xdmf.dtd`, which is not read, and abbreviate file names by entities.
             allow_dtd: true,
-            nodes_limit: MOST_ELEMENTS,
+            nodes_limit: most,
             ..ParsingOptions::default()
         };
         let text = text.trim_start_matches('\u{feff}').trim_start();
         let document = Document::parse_with_options(text, options).map_err(|error| {
+            if matches!(error, roxmltree::Error::NodesLimitReached) {
+                let (expected, advice) = (
+                    format!("at most {most} XML nodes"),
+                    "write steps in several files",
+                );
+                return Error::format(path, "XML", expected, "more", advice);
+            }
             let found = error.to_string();
             Error::format(
                 path,
@@ -68,16 +97,15 @@ impl<'a> Xml<'a> {
         let domain = root.children().find(|node| is(*node, "Domain"));
         let domain = domain.filter(|_| is(root, "Xdmf"));
         domain.ok_or_else(|| {
-            let place = Xml::place(root);
+            let place = Xml::place(root).to_string();
             let advice = "save it again as XDMF 2 or 3";
             Error::format(self.path, place, "`Xdmf` with a `Domain`", "none", advice)
         })
     }
 
     /// Returns the place of an element, for errors.
-    pub(super) fn place(node: Node<'_, '_>) -> String {
-        let line = node.document().text_pos_at(node.range().start).row;
-        format!("element `{}`, line {line}", clipped(node.tag_name().name()))
+    pub(super) fn place<'n, 'd>(node: Node<'n, 'd>) -> Place<'n, 'd> {
+        Place(node)
     }
 
     pub(super) fn fault(
@@ -90,7 +118,7 @@ impl<'a> Xml<'a> {
         let found = clipped(found.as_ref());
         Error::format(
             self.path,
-            Self::place(node),
+            Self::place(node).to_string(),
             expected,
             format!("`{found}`"),
             advice,

@@ -32,6 +32,10 @@ use crate::scene::Values;
 /// Most items within one another.
 const MOST_DEPTH: usize = 8;
 
+/// Factor of the memory of arrays for the bytes of the XML itself: a number in text takes two bytes, and up to 32 in arrays
+/// on its way.
+const TEXT_INFLATION: usize = 4;
+
 /// Most dimensions.
 const MOST_DIMS: usize = 8;
 
@@ -51,7 +55,7 @@ impl<'a> Items<'a> {
         Self {
             xml,
             input,
-            budget: Budget::new(input.path, len),
+            budget: Budget::new(input.path, len.saturating_mul(TEXT_INFLATION)),
             files: RefCell::default(),
             opened: RefCell::default(),
         }
@@ -227,7 +231,7 @@ impl<'a> Items<'a> {
             Some(behind) => Some(self.behind(node, behind)?),
         };
         let part = own.as_deref().or(part);
-        let file = beside_as(self.input.path, &Xml::place(node), file)?;
+        let file = beside_as(self.input.path, Xml::place(node), file)?;
         if !self.opened.borrow().contains_key(&file) {
             let len = self.input.len_beside(&file).unwrap_or(0);
             // Arrays in HDF5 may be packed.
@@ -238,7 +242,7 @@ impl<'a> Items<'a> {
         let array = self.input.with_beside(&file, |input| {
             ArrayFile::open(input)?.array(dataset.trim(), part)
         })?;
-        self.budget.spend(&Xml::place(node), array.bytes.len(), 1)?;
+        self.budget.spend(Xml::place(node), array.bytes.len(), 1)?;
         match (part, self.dims(node)?) {
             (None, Some(dims)) => {
                 let has = array.dims.iter().product::<usize>();
@@ -298,7 +302,7 @@ impl<'a> Items<'a> {
                     .fault(node, "`Endian` Little, Big or Native", endian));
             }
         };
-        let file = beside_as(self.input.path, &Xml::place(node), &text(node))?;
+        let file = beside_as(self.input.path, Xml::place(node), &text(node))?;
         let known = self.files.borrow().get(&file).cloned();
         let bytes = match known {
             Some(bytes) => bytes,
@@ -320,7 +324,7 @@ impl<'a> Items<'a> {
             self.xml
                 .fault(node, expected, format!("a file of {} bytes", bytes.len()))
         })?;
-        self.budget.spend(&Xml::place(node), own.len(), 1)?;
+        self.budget.spend(Xml::place(node), own.len(), 1)?;
         Ok(ShapedArray {
             dims,
             encoding: Encoding { scalar, big_endian },
@@ -429,7 +433,7 @@ impl<'a> Items<'a> {
         }
         let size = first.encoding.scalar.size();
         self.budget
-            .spend(&Xml::place(node), arrays.len() * first.bytes.len(), 1)?;
+            .spend(Xml::place(node), arrays.len() * first.bytes.len(), 1)?;
         let mut bytes = Vec::with_capacity(arrays.len() * first.bytes.len());
         for i in 0..first.bytes.len() / size {
             for array in &arrays {
@@ -460,7 +464,7 @@ impl<'a> Items<'a> {
     pub(super) fn integers(&self, node: Node<'a, 'a>, array: &ShapedArray) -> Result<Vec<i64>> {
         let fault = |found: String| self.xml.fault(node, "whole numbers", found);
         self.budget.spend(
-            &Xml::place(node),
+            Xml::place(node),
             array.bytes.len() / array.encoding.scalar.size(),
             8,
         )?;

@@ -23,10 +23,11 @@ use roxmltree::{Node, NodeId};
 use self::document::{Xml, attribute, is};
 use self::item::{Items, component, numbers};
 use self::topology::Topology;
+use super::highest::keep_highest;
 use super::zones::{Shape, Zone, joined};
 use crate::data::association::Association;
 use crate::data::cells::CellMesh;
-use crate::data::dataset::{CurvilinearBlock, Dataset, Field, FieldSource};
+use crate::data::dataset::{CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
 use crate::error::Result;
 use crate::io::bytes::file::Input;
 use crate::io::options::ReadAs;
@@ -85,6 +86,9 @@ pub(in crate::io) fn read(
     let zones = file.zones.into_iter().map(|(_, zone)| zone).collect();
     let mut data = joined(path, "XDMF", zones, &items.budget, read_as)?;
     data.notes.splice(0..0, notes);
+    if let Geometry::Cells(mesh) = &mut data.geometry {
+        data.notes.extend(keep_highest(mesh, &mut data.fields));
+    }
     Ok(data)
 }
 
@@ -113,7 +117,7 @@ enum Kind {
     Together,
 }
 
-/// What a grid's nodes and cells are read from: its `Topology` and its `Geometry`.
+/// Elements that a grid's nodes and cells are read from: `Topology` and `Geometry`.
 type Source = (NodeId, NodeId);
 
 struct File<'a> {
@@ -142,8 +146,14 @@ impl<'a> File<'a> {
     }
 
     fn kind(&self, grid: Node<'a, 'a>) -> Result<Kind> {
-        let kind = attribute(grid, &["GridType", "CollectionType"]).unwrap_or("Uniform");
-        let of = attribute(grid, &["CollectionType"]).unwrap_or("Spatial");
+        let of = attribute(grid, &["CollectionType"]);
+        let usual = if of.is_some() {
+            "Collection"
+        } else {
+            "Uniform"
+        };
+        let kind = attribute(grid, &["GridType", "Type"]).unwrap_or(usual);
+        let of = of.unwrap_or("Spatial");
         match kind.to_ascii_lowercase().as_str() {
             "uniform" => Ok(Kind::Uniform),
             "collection" if of.eq_ignore_ascii_case("temporal") => Ok(Kind::Temporal),
@@ -199,8 +209,13 @@ impl<'a> File<'a> {
         let stated = self.times_of(collection, grids.len())?;
         let mut members = Vec::new();
         for (i, grid) in grids.into_iter().enumerate() {
-            let own = self.time(grid)?;
-            let time = own.or_else(|| stated.get(i).copied());
+            let own = self.time(grid)?.or_else(|| stated.get(i).copied());
+            // Several blocks of a step may each state the time.
+            let within = || grid.descendants().find(|node| is(*node, "Time"));
+            let time = match own.is_none().then(within).flatten() {
+                Some(time) => self.value(time)?,
+                None => own,
+            };
             members.push((time.unwrap_or(i as f64), grid));
         }
         Ok(members)
@@ -211,6 +226,11 @@ impl<'a> File<'a> {
         let Some(time) = grid.children().find(|child| is(*child, "Time")) else {
             return Ok(None);
         };
+        self.value(time)
+    }
+
+    /// Returns the value of a `Time`.
+    fn value(&self, time: Node<'a, 'a>) -> Result<Option<f64>> {
         match attribute(time, &["Value"]) {
             Some(value) => {
                 let number = value
@@ -377,7 +397,11 @@ impl<'a> File<'a> {
         }
         let dims = attribute(topology, &["Dimensions", "NumberOfElements"]);
         let dims = dims.unwrap_or_default();
-        let axes: Option<Vec<usize>> = dims.split_whitespace().map(|n| n.parse().ok()).collect();
+        let axes: Option<Vec<usize>> = dims
+            .split(|c: char| c.is_whitespace() || c == ',')
+            .filter(|n| !n.is_empty())
+            .map(|n| n.parse().ok())
+            .collect();
         // Counts are at least one, and the slowest axis comes first.
         let axes = axes.filter(|axes| !axes.contains(&0));
         let dims = match axes.as_deref() {
@@ -410,7 +434,7 @@ impl<'a> File<'a> {
     /// Checks that values of a grid, of which the file may hold none, fit into the budget.
     fn check_count(&self, geometry: Node<'a, 'a>, count: usize) -> Result<()> {
         // A lattice takes no memory for its nodes, but what is drawn of it does.
-        self.items.budget.spend(&Xml::place(geometry), count, 1)
+        self.items.budget.spend(Xml::place(geometry), count, 1)
     }
 
     fn uniform(&self, geometry: Node<'a, 'a>, dims: [usize; 3], count: usize) -> Result<Shape> {
@@ -437,7 +461,7 @@ impl<'a> File<'a> {
         })?;
         let lattice = Lattice::uniform(dims, origin, step);
         if dims.contains(&1) || lattice.validate().is_err() {
-            self.items.budget.spend(&Xml::place(geometry), count, 24)?;
+            self.items.budget.spend(Xml::place(geometry), count, 24)?;
             return Ok(Shape::Block(block(dims, count, |[i, j, k]| {
                 origin + step * DVec3::new(i as f64, j as f64, k as f64)
             })));
@@ -463,7 +487,7 @@ impl<'a> File<'a> {
             axis.iter().all(|x| x.is_finite()) && axis.windows(2).all(|w| w[0] < w[1])
         };
         if dims.contains(&1) || !axes.iter().all(rises) {
-            self.items.budget.spend(&Xml::place(geometry), count, 24)?;
+            self.items.budget.spend(Xml::place(geometry), count, 24)?;
             return Ok(Shape::Block(block(dims, count, |[i, j, k]| {
                 DVec3::new(axes[0][i], axes[1][j], axes[2][k])
             })));
@@ -486,7 +510,7 @@ impl<'a> File<'a> {
             if arrays.iter().any(|axis| axis.len() != count) {
                 return Err(xml.fault(geometry, "as many numbers of each axis", "others"));
             }
-            self.items.budget.spend(&Xml::place(geometry), count, 24)?;
+            self.items.budget.spend(Xml::place(geometry), count, 24)?;
             let at = |axis: usize, i: usize| arrays.get(axis).map_or(0.0, |numbers| numbers[i]);
             Ok((0..count)
                 .map(|i| DVec3::new(at(0, i), at(1, i), at(2, i)))
@@ -498,7 +522,7 @@ impl<'a> File<'a> {
                 let expected = format!("{axes} numbers of each node");
                 return Err(xml.fault(geometry, expected, format!("{count} in all")));
             }
-            self.items.budget.spend(&Xml::place(geometry), count, 8)?;
+            self.items.budget.spend(Xml::place(geometry), count, 8)?;
             per_axis((0..axes).map(|axis| numbers(array, axis, axes)).collect())
         };
         match places {
@@ -589,17 +613,17 @@ impl<'a> File<'a> {
                 }
                 self.items
                     .budget
-                    .spend(&Xml::place(topology), numbers.len(), 4)?;
+                    .spend(Xml::place(topology), numbers.len(), 4)?;
                 self.items
                     .budget
-                    .spend(&Xml::place(topology), numbers.len() / per, 5)?;
+                    .spend(Xml::place(topology), numbers.len() / per, 5)?;
                 topology::of_one_kind(xml.path, &mut mesh, cell, per, &numbers, &node)?;
             }
             _ => {
                 let fault = |expected: &str, found: String| xml.fault(topology, expected, found);
                 self.items
                     .budget
-                    .spend(&Xml::place(topology), numbers.len(), 9)?;
+                    .spend(Xml::place(topology), numbers.len(), 9)?;
                 topology::mixed(xml.path, &mut mesh, &numbers, &node, &fault)?;
             }
         }

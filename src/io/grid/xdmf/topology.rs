@@ -57,7 +57,7 @@ static KINDS: [Kind; 22] = [
     kind(&["mixed"], 0, 0, 0),
 ];
 
-/// What a topology consists of.
+/// Kind of cells of a topology.
 pub(super) enum Topology {
     /// Elements of one kind: VTK's number, and the number of nodes, or 0 where the element states it.
     One(CellKind, usize),
