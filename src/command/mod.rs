@@ -54,7 +54,10 @@ pub use self::animation::Animation;
 pub use self::driver::quiet_drivers;
 pub use self::statistics::{Prepared, stats};
 pub use self::view::{Automatic, Frame, Over, RefinedView, ViewArguments, ViewRequest, line};
-use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};
+use serde_json::json;
+
+use crate::Error;
 
 /// Renders volumes, particles, splats and meshes by EWA splatting, and converts them to splats.
 #[derive(Parser)]
@@ -65,6 +68,50 @@ struct Arguments {
     /// Say nothing on standard error but errors: no progress, no notes
     #[arg(long, global = true)]
     quiet: bool,
+    /// Form of errors: a line, or a JSON object on one line
+    #[arg(long, global = true, value_name = "FORM", default_value = "text")]
+    errors: ErrorForm,
+}
+
+/// Form of errors on standard error.
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum ErrorForm {
+    Text,
+    Json,
+}
+
+impl ErrorForm {
+    /// Returns the form that arguments ask for, which may be unsound otherwise.
+    fn of(words: &[OsString]) -> Self {
+        let next = words.iter().skip(1).map(Some).chain([None]);
+        let is_asked = |(word, next): (&OsString, Option<&OsString>)| {
+            word == "--errors=json"
+                || (word == "--errors" && next.is_some_and(|next| next == "json"))
+        };
+        match words.iter().zip(next).any(is_asked) {
+            true => Self::Json,
+            false => Self::Text,
+        }
+    }
+
+    /// Reports an error of the data or of the machine.
+    fn report(self, error: &Error) {
+        match self {
+            Self::Text => eprintln!("error: {}", words::line(error)),
+            Self::Json => eprintln!("{}", json!({ "error": words::object(error) })),
+        }
+    }
+
+    /// Ends the program for arguments that it does not take, or for the help that was asked for.
+    fn exit(self, error: &clap::Error) -> ! {
+        if self == Self::Text || !error.use_stderr() {
+            error.exit();
+        }
+        let text = error.render().to_string();
+        let text = text.trim_start_matches("error: ").trim();
+        eprintln!("{}", json!({ "error": { "kind": "usage", "text": text } }));
+        std::process::exit(error.exit_code());
+    }
 }
 
 #[derive(Subcommand)]
@@ -101,8 +148,10 @@ pub fn main_of(words: impl IntoIterator<Item = OsString>) -> ExitCode {
     let program = Arguments::command()
         .after_help(formats::list())
         .long_version(shell::version());
-    let matches = program.get_matches_from(words);
-    let arguments = Arguments::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+    let form = ErrorForm::of(&words);
+    let matches = program.try_get_matches_from(words);
+    let arguments = matches.and_then(|matches| Arguments::from_arg_matches(&matches));
+    let arguments = arguments.unwrap_or_else(|error| form.exit(&error));
     if arguments.quiet {
         progress::be_quiet();
     }
@@ -116,6 +165,7 @@ pub fn main_of(words: impl IntoIterator<Item = OsString>) -> ExitCode {
         );
         return ExitCode::from(2);
     }
+    let form = arguments.errors;
     let result = match arguments.command {
         Command::Render(mut arguments) => render::run(&mut arguments),
         Command::Info(arguments) => info::run(&arguments),
@@ -133,7 +183,7 @@ pub fn main_of(words: impl IntoIterator<Item = OsString>) -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             if !progress::is_silent() {
-                eprintln!("error: {}", words::line(&error));
+                form.report(&error);
             }
             ExitCode::FAILURE
         }

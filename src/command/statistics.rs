@@ -1,7 +1,10 @@
 //! Collects the counts and times of `ewa-splat render --stats`.
 
+use std::path::Path;
 use std::time::Instant;
 
+use crate::Result;
+use crate::io::write_bytes_atomically;
 use crate::measure::median_times;
 use crate::ranks::RankStats;
 use crate::render::{FrameCounts, StageTimes};
@@ -20,6 +23,23 @@ pub struct Prepared {
     pub prepare_ms: f64,
     /// Number of kernels that are parts of refined cells, and their greatest level.
     pub refined: (usize, u8),
+}
+
+/// Returns whether `--stats` asks for standard output.
+pub(super) fn is_standard_output(path: &Path) -> bool {
+    path == Path::new("-")
+}
+
+/// Writes statistics to a file, or to standard output.
+///
+/// # Errors
+/// A file that cannot be written.
+pub(super) fn write_stats(path: &Path, stats: &serde_json::Value) -> Result<()> {
+    if is_standard_output(path) {
+        super::say!("{stats:#}");
+        return Ok(());
+    }
+    write_bytes_atomically(path, format!("{stats:#}\n").as_bytes())
 }
 
 /// Bytes of a refined kernel: position, factor, volume, value and local model.

@@ -1,25 +1,64 @@
 //! Formats the library's errors and notes for the command line, with its option names.
 
+use std::path::Path;
+
+use serde_json::{Value, json};
+
 use crate::Error;
 use crate::error::{Advice, Hint, Parameter, Place};
 use crate::load::Note;
 
-/// Formats an error in one line: `FILE: place: expected A, found B; do C`. It removes line breaks
-/// from the messages of other libraries.
-pub(crate) fn line(error: &Error) -> String {
-    let text = match error {
+/// Parts of an error.
+struct Parts {
+    kind: &'static str,
+    /// File, device or kind of value.
+    subject: String,
+    is_file: bool,
+    place: String,
+    /// `None` for errors of the operating system.
+    expected: Option<String>,
+    found: String,
+    advice: String,
+}
+
+/// Divides an error into its parts; `None` if it has none.
+fn parts(error: &Error) -> Option<Parts> {
+    let of_file = |path: &Path, place, expected, found, advice| Parts {
+        kind: "format",
+        subject: path.display().to_string(),
+        is_file: true,
+        place,
+        expected: Some(expected),
+        found,
+        advice,
+    };
+    let of_device = |kind, place: &str, expected, found: &str, advice| Parts {
+        kind,
+        subject: "GPU".into(),
+        is_file: false,
+        place: place.into(),
+        expected: Some(expected),
+        found: found.into(),
+        advice,
+    };
+    Some(match error {
         Error::Io {
             path,
             place,
             source,
             advice,
             ..
-        } => format!(
-            "{}: {}: {source}; {}",
-            path.display(),
-            named(place),
-            advised(advice)
-        ),
+        } => Parts {
+            kind: "io",
+            expected: None,
+            ..of_file(
+                path,
+                named(place),
+                String::new(),
+                source.to_string(),
+                advised(advice),
+            )
+        },
         Error::Format {
             path,
             place,
@@ -27,12 +66,12 @@ pub(crate) fn line(error: &Error) -> String {
             found,
             advice,
             ..
-        } => sentence(
-            path.display(),
-            &named(place),
-            expected,
-            found,
-            &advised(advice),
+        } => of_file(
+            path,
+            named(place),
+            expected.clone(),
+            found.clone(),
+            advised(advice),
         ),
         Error::NoLayout {
             path, suggested, ..
@@ -48,8 +87,14 @@ pub(crate) fn line(error: &Error) -> String {
                     )
                 },
             );
-            let expected = "its dimensions and type from the command line";
-            sentence(path.display(), "raw volume", expected, "no --dims", &advice)
+            let expected = "its dimensions and type from the command line".into();
+            of_file(
+                path,
+                "raw volume".into(),
+                expected,
+                "no --dims".into(),
+                advice,
+            )
         }
         Error::Invalid {
             what,
@@ -58,27 +103,41 @@ pub(crate) fn line(error: &Error) -> String {
             found,
             advice,
             ..
-        } => sentence(
-            named(what),
-            &named(place),
-            expected,
-            found,
-            &advised(advice),
-        ),
+        } => Parts {
+            kind: "invalid",
+            subject: named(what),
+            is_file: false,
+            place: named(place),
+            expected: Some(expected.clone()),
+            found: found.clone(),
+            advice: advised(advice),
+        },
         Error::NoAdapter {
             place,
             expected,
             found,
             advice,
             ..
-        }
-        | Error::Unsupported {
+        } => of_device(
+            "no-adapter",
+            place,
+            expected.clone(),
+            found,
+            advised(advice),
+        ),
+        Error::Unsupported {
             place,
             expected,
             found,
             advice,
             ..
-        } => sentence("GPU", place, expected, found, &advised(advice)),
+        } => of_device(
+            "unsupported",
+            place,
+            expected.clone(),
+            found,
+            advised(advice),
+        ),
         Error::OutOfMemory {
             adapter,
             what,
@@ -88,15 +147,64 @@ pub(crate) fn line(error: &Error) -> String {
         } => {
             let expected = format!("{needed} bytes for the {what}");
             let advice = hint(Hint::SmallerSceneOrCpu);
-            sentence("GPU", adapter, &expected, found, &advice)
+            of_device("memory", adapter, expected, found, advice)
         }
         Error::DeviceLost { adapter, found, .. } => {
+            let expected = "a device that answers".into();
             let advice = hint(Hint::StartAgainOrCpu);
-            sentence("GPU", adapter, "a device that answers", found, &advice)
+            of_device("device-lost", adapter, expected, found, advice)
         }
-        other => other.to_string(),
+        Error::OfRank { .. } | Error::Cancelled => return None,
+    })
+}
+
+/// Formats an error in one line: `FILE: place: expected A, found B; do C`. It removes line breaks
+/// from the messages of other libraries.
+pub(crate) fn line(error: &Error) -> String {
+    let Some(Parts {
+        subject,
+        place,
+        expected,
+        found,
+        advice,
+        ..
+    }) = parts(error)
+    else {
+        return error.to_string().replace('\n', " ");
+    };
+    let text = match expected {
+        Some(expected) => {
+            format!("{subject}: {place}: expected {expected}, found {found}; {advice}")
+        }
+        None => format!("{subject}: {place}: {found}; {advice}"),
     };
     text.replace('\n', " ")
+}
+
+/// Returns an error as an object for programs. What does not apply is null.
+pub(super) fn object(error: &Error) -> Value {
+    let text = line(error);
+    let Some(parts) = parts(error) else {
+        let kind = match error {
+            Error::Cancelled => "cancelled",
+            _ => "rank",
+        };
+        return json!({ "kind": kind, "file": null, "what": null, "place": null, "expected": null, "found": null, "do": null, "text": text });
+    };
+    let (file, what) = match parts.is_file {
+        true => (Some(parts.subject), None),
+        false => (None, Some(parts.subject)),
+    };
+    json!({
+        "kind": parts.kind,
+        "file": file,
+        "what": what,
+        "place": parts.place,
+        "expected": parts.expected,
+        "found": parts.found,
+        "do": parts.advice,
+        "text": text,
+    })
 }
 
 /// Formats the problem with a file for a reader who has its name and description. It omits the name
@@ -121,16 +229,6 @@ pub(crate) fn problem(error: &Error) -> String {
     }
     let name = format!("{}: ", path.display());
     text.strip_prefix(&name).unwrap_or(&text).to_owned()
-}
-
-fn sentence(
-    subject: impl std::fmt::Display,
-    place: &str,
-    expected: &str,
-    found: &str,
-    advice: &str,
-) -> String {
-    format!("{subject}: {place}: expected {expected}, found {found}; {advice}")
 }
 
 fn named(place: &Place) -> String {
@@ -266,6 +364,22 @@ mod tests {
             line(&format),
             "a.vti: arrays: expected one, found none; name one of these with --field"
         );
+    }
+
+    #[test]
+    fn objects_have_the_parts_of_lines() {
+        let io = std::io::Error::other("a fault");
+        let io = object(&Error::io("a.raw", "reading", io, Hint::UseCpu));
+        let expected = json!({ "kind": "io", "file": "a.raw", "what": null, "place": "reading", "expected": null,
+            "found": "a fault", "do": "use --backend cpu", "text": "a.raw: reading: a fault; use --backend cpu" });
+        assert_eq!(io, expected);
+        let invalid = Error::invalid(Parameter::RawDims, "x", "1", "2", Hint::CorrectDims);
+        let invalid = object(&invalid);
+        assert_eq!(
+            [&invalid["what"], &invalid["do"]],
+            ["--dims", "correct --dims"]
+        );
+        assert_eq!(object(&Error::Cancelled)["kind"], "cancelled");
     }
 
     /// The hints name options, which scripts and people rely on. Every hint has its own words for

@@ -54,6 +54,42 @@ fn quiet_leaves_errors_alone() {
 }
 
 #[test]
+fn errors_and_statistics_are_objects_for_programs() {
+    let folder = tempfile::tempdir().unwrap();
+    let error = |arguments: &[&str], status: i32| {
+        let refused = run(folder.path(), arguments);
+        assert_eq!(refused.status.code(), Some(status), "{arguments:?}");
+        let said = text(&refused.stderr);
+        let object: serde_json::Value = serde_json::from_str(&said).unwrap();
+        object["error"].clone()
+    };
+    let missing = error(&["--errors", "json", "info", "missing.csv"], 1);
+    assert_eq!([&missing["kind"], &missing["file"]], ["io", "missing.csv"]);
+    std::fs::write(folder.path().join("a.vti"), "<VTKFile").unwrap();
+    let damaged = error(&["info", "a.vti", "--errors=json"], 1);
+    assert_eq!(damaged["kind"], "format");
+    for part in ["place", "expected", "found", "do", "text"] {
+        assert!(damaged[part].is_string(), "{damaged}");
+    }
+    let unknown = error(&["--errors", "json", "info", "a.vti", "--no-such"], 2);
+    assert_eq!(unknown["kind"], "usage");
+    assert!(unknown["text"].as_str().unwrap().contains("--no-such"));
+    // The other form, and help, are as they were.
+    let plain = run(folder.path(), &["--errors", "text", "info", "missing.csv"]);
+    assert!(text(&plain.stderr).starts_with("error: missing.csv"));
+    let help = run(folder.path(), &["--errors", "json", "info", "--help"]);
+    assert!(help.status.success() && text(&help.stdout).contains("Usage"));
+    let wake = fixture("wake.xyz");
+    let words = [
+        "render", &wake, "--size", "40x30", "--out", "a.png", "--stats", "-",
+    ];
+    let drawn = run(folder.path(), &words);
+    let stats: serde_json::Value = serde_json::from_slice(&drawn.stdout).unwrap();
+    assert!(stats["footprints"].as_u64() > Some(0));
+    assert!(!folder.path().join("-").exists());
+}
+
+#[test]
 fn info_of_several_files_is_a_row_for_each() {
     let folder = tempfile::tempdir().unwrap();
     let inner = folder.path().join("data/inner");

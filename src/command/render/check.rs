@@ -6,6 +6,7 @@ use super::options::{
 use crate::command::animation::Animation;
 use crate::command::cut::add_faces;
 use crate::command::outputs::{check_collisions, paths};
+use crate::command::statistics::is_standard_output;
 use crate::command::usage::{CLASSIFIED, is_filtered, is_surface, refuse_beside, refuse_unused};
 use crate::command::{animation, ranks};
 use crate::io::{check_depth_path, check_folder, check_image_path};
@@ -57,7 +58,9 @@ impl Arguments {
         for path in layers.into_iter().flatten() {
             check_depth_path(path)?;
         }
-        let texts = [&self.output.stats, &self.output.write_transfer_function];
+        let stats = self.output.stats.as_ref();
+        let stats = stats.filter(|path| !is_standard_output(path));
+        let texts = [stats, self.output.write_transfer_function.as_ref()];
         for path in texts.into_iter().flatten() {
             check_folder(path)?;
         }
@@ -65,7 +68,7 @@ impl Arguments {
             Some(&self.out),
             self.output.depth.as_ref(),
             self.output.normals.as_ref(),
-            self.output.stats.as_ref(),
+            stats,
             self.output.write_transfer_function.as_ref(),
         ];
         check_collisions(paths(&self.inputs), outputs.into_iter().flatten())

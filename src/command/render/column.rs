@@ -1,9 +1,7 @@
 //! Runs `ewa-splat render --column-density`.
 
 use crate::data::smoothing::SphKernel;
-use crate::io::{
-    column_colours, column_look, column_picture, write_bytes_atomically, write_column,
-};
+use crate::io::{column_colours, column_look, column_picture, write_column};
 use crate::legend::{ColourBar, legend_width};
 use crate::math::narrowed;
 use crate::render::ColumnMeans;
@@ -18,7 +16,7 @@ use super::options::{Arguments, ColumnLook};
 use crate::command::annotations::Overlays;
 use crate::command::legend::column_title;
 use crate::command::progress::note;
-use crate::command::statistics::{Prepared, stats};
+use crate::command::statistics::{Prepared, stats, write_stats};
 
 /// The scene of columns, and what goes with it.
 pub(in crate::command) struct Columns<'a> {
@@ -136,7 +134,7 @@ impl Arguments {
                 "amplitude_sum": amplitudes.sum,
                 "not_finite": amplitudes.not_finite,
             });
-            write_bytes_atomically(path, format!("{stats:#}\n").as_bytes())?;
+            write_stats(path, &stats)?;
         }
         progress.finish_and_clear();
         if amplitudes.not_finite > 0 {

@@ -4,8 +4,8 @@ use super::count::describe;
 use super::options::Arguments;
 use crate::command::annotations::Overlays;
 use crate::command::progress::note;
-use crate::command::statistics::{Prepared, stats};
-use crate::io::{write_bytes_atomically, write_count, write_depth, write_normals};
+use crate::command::statistics::{Prepared, stats, write_stats};
+use crate::io::{write_count, write_depth, write_normals};
 use crate::measure::{ErrorSample, SampledError};
 use crate::render::{Blend, Composite, Layers};
 use crate::stages::blocks::BlockedVolume;
@@ -110,7 +110,7 @@ impl Arguments {
             }
         }
         if let Some(path) = &self.output.stats {
-            write_bytes_atomically(path, format!("{stats:#}\n").as_bytes())?;
+            write_stats(path, &stats)?;
         }
         progress.finish_and_clear();
         if footprints == 0 {

@@ -295,7 +295,7 @@ pub(in crate::command) struct Output {
     /// the image transparent [default: a dark grey, #1c1c21, of png; none of others]
     #[arg(long, value_name = "r,g,b|NAME|none", value_parser = parse::background, allow_hyphen_values = true)]
     pub(in crate::command) background: Option<Background>,
-    /// Write counts, memory and times as JSON
+    /// Write counts, memory and times as JSON; - to standard output
     #[arg(long, value_name = "FILE")]
     pub(in crate::command) stats: Option<PathBuf>,
     /// Write the depth at which half the light is gone: exr, pfm or npy

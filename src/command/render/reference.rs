@@ -7,9 +7,8 @@ use crate::Result;
 use crate::command::annotations::Overlays;
 use crate::command::outputs::warn_unconverged;
 use crate::command::progress::with_bar;
-use crate::command::statistics::Prepared;
+use crate::command::statistics::{Prepared, write_stats};
 use crate::command::truth::Truth;
-use crate::io::write_bytes_atomically;
 use crate::reference::ReferenceSettings;
 use crate::view::Camera;
 use serde_json::json;
@@ -56,7 +55,7 @@ impl Arguments {
                 "time_to_picture_ms": prepared.begun.elapsed().as_secs_f64() * 1e3,
                 "frames": 1,
             });
-            write_bytes_atomically(path, format!("{stats:#}\n").as_bytes())?;
+            write_stats(path, &stats)?;
         }
         warn_unconverged(&frame, settings.error);
         Ok(())
