@@ -260,3 +260,26 @@ fn surfaces_are_meshes_and_mistakes_are_named_by_line() {
         assert!(error.contains(says), "{to}: {error}");
     }
 }
+
+#[test]
+fn elements_of_two_groups_are_one() {
+    // As Gmsh lists an entity of two physical groups; an entity whose number is not known stays as it is.
+    let in_turn = [(1, 1), (2, 1), (1, 2), (2, 2)];
+    let by_group = [(1, 1), (1, 2), (2, 1), (2, 2)];
+    for (entity, order, expected) in [(7, in_turn, 2), (7, by_group, 2), (0, by_group, 4)] {
+        let mut text = String::from("$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n5\n");
+        text += "1 0 0 0\n2 1 0 0\n3 0 1 0\n4 0 0 1\n5 1 1 1\n$EndNodes\n$Elements\n4\n";
+        for (number, (group, element)) in (1..).zip(order) {
+            let nodes = ["1 2 3 4", "2 3 4 5"][element - 1];
+            text += &format!("{number} 4 2 {group} {entity} {nodes}\n");
+        }
+        text += "$EndElements\n";
+        let data = read("a.msh", text.as_bytes(), &OpenOptions::default()).unwrap();
+        let Geometry::Cells(cells) = &data.geometry else {
+            panic!("no cells")
+        };
+        assert_eq!(cells.cell_count(), expected);
+        let is_told = data.notes.iter().any(|note| note.contains("2 elements"));
+        assert_eq!(is_told, expected == 2, "{:?}", data.notes);
+    }
+}

@@ -9,7 +9,8 @@
 //! Binary elements of version 2 stand in blocks with a type, a count and a count of tags. In version 4 the sections
 //! `$Entities` and `$PartitionedEntities` state the physical groups.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
+use std::ops::Range;
 
 use super::elements::{Element, element};
 use super::stream::Stream;
@@ -58,6 +59,12 @@ pub(super) struct Mesh {
     pub(super) left_out: usize,
     /// Number of elements of which only the corners are taken.
     pub(super) cut: usize,
+    /// First run of elements of each type on each entity: their physical group and their indices.
+    first_runs: HashMap<(u8, i32), (i32, Range<usize>)>,
+    /// Nodes of the elements of a type on an entity that has several physical groups.
+    listed: HashMap<(u8, i32), HashSet<Vec<u32>>>,
+    /// Number of elements that are left out, because they are listed for another physical group.
+    pub(super) again: usize,
 }
 
 impl Mesh {
@@ -398,6 +405,7 @@ impl Mesh {
         nodes: &[u64],
         entity: Entity,
     ) -> Result<()> {
+        let first = self.cells.connectivity.len();
         for i in 0..element.taken {
             let place = element.order.map_or(i, |order| usize::from(order[i]));
             let node = self.node(nodes[place]);
@@ -413,15 +421,51 @@ impl Mesh {
             let advice = "save the partitions in several files";
             Error::format(stream.path, "elements", expected, "more", advice)
         })?;
+        let kind = u8::try_from(kind).unwrap_or(0);
+        if self.is_listed((kind, entity), first) {
+            self.cells.connectivity.truncate(first);
+            self.again += 1;
+            return Ok(());
+        }
         self.cells.offsets.push(end);
         self.cells.kinds.push(element.kind);
         self.cut += usize::from(element.is_cut);
         self.numbers.push(number);
-        self.types.push(u8::try_from(kind).unwrap_or(0));
+        self.types.push(kind);
         self.physical.push(entity.physical);
         self.entities.push(entity.own);
         self.partitions.push(entity.partition);
         Ok(())
+    }
+}
+
+impl Mesh {
+    /// Returns whether an element is there already: version 2 lists the elements of an entity for each of its physical groups.
+    ///
+    /// - `first`: place of its nodes, the last of the connectivity.
+    fn is_listed(&mut self, (kind, entity): (u8, Entity), first: usize) -> bool {
+        if entity.own == 0 {
+            return false;
+        }
+        let (key, next) = ((kind, entity.own), self.cells.kinds.len());
+        let run = self.first_runs.entry(key);
+        let (group, run) = run.or_insert_with(|| (entity.physical, next..next));
+        if *group == entity.physical {
+            if run.end == next {
+                run.end += 1;
+            }
+            // Groups may take turns.
+            if let Some(listed) = self.listed.get_mut(&key) {
+                listed.insert(self.cells.connectivity[first..].to_vec());
+            }
+            return false;
+        }
+        let cells = &self.cells;
+        let listed = self.listed.entry(key).or_insert_with(|| {
+            let of_run = run.clone().map(|i| cells.cell(i).to_vec());
+            of_run.collect()
+        });
+        !listed.insert(self.cells.connectivity[first..].to_vec())
     }
 }
 

@@ -285,6 +285,12 @@ fn mesh_notes(mesh: &Mesh) -> Vec<String> {
             mesh.cut
         ));
     }
+    if mesh.again > 0 {
+        notes.push(format!(
+            "Left out: {} elements that are listed for a further physical group.",
+            mesh.again
+        ));
+    }
     let most = mesh.names.iter().map(|(dimension, ..)| *dimension).max();
     let named = mesh
         .names
