@@ -36,6 +36,7 @@ use crate::io::time_steps::{self, Part, TimeStep};
 use crate::io::volume::voxels::beside_as;
 use crate::io::vtk;
 use crate::io::vtk::collection;
+use crate::io::vtk::xml::clip;
 use crate::scene::Values;
 
 /// First bytes of a field file.
@@ -116,7 +117,7 @@ impl Header {
         let words: Vec<&str> = text.split_whitespace().collect();
         let fault = || {
             let expected = "`#std`, sizes, counts, a time and letters of fields in 132 bytes";
-            let found: String = text.chars().take(60).collect();
+            let found = clip(&text);
             Error::format(path, "header", expected, format!("`{found}`"), DAMAGED)
         };
         if !is_field(head) {
@@ -171,7 +172,7 @@ impl Header {
                 }
                 _ => {
                     let expected = "letters of fields: X, U, P, T, S and a count";
-                    let found = self.letters.chars().take(60).collect::<String>();
+                    let found = clip(&self.letters);
                     return Err(Error::format(path, "header", expected, found, DAMAGED));
                 }
             }
@@ -487,7 +488,7 @@ fn named(input: Input<'_>) -> Result<Vec<TimeStep>> {
                 if part > 0 {
                     break;
                 }
-                let found = format!("no file `{}`", name.chars().take(60).collect::<String>());
+                let found = format!("no file `{}`", clip(&name));
                 let expected = format!(
                     "files of the times {first} to {}",
                     first.saturating_add(count.saturating_sub(1))
@@ -535,7 +536,7 @@ fn named(input: Input<'_>) -> Result<Vec<TimeStep>> {
 fn filled(path: &Path, template: &str, part: usize, step: u32) -> Result<(String, bool)> {
     let fault = || {
         let expected = "a name with `%05d` for the time, behind `%01d` for the part";
-        let found = template.chars().take(60).collect::<String>();
+        let found = clip(template);
         Error::format(path, "`filetemplate`", expected, found, "correct it")
     };
     let mut pieces = Vec::new();

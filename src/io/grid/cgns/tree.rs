@@ -15,6 +15,7 @@ use hdf5_reader::group::Group;
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;
 use crate::io::particles::hdf5::arrays::{ArrayFile, ShapedArray};
+use crate::io::vtk::xml::clip;
 
 pub(super) const DAMAGED: &str = "the file is damaged: write it again";
 
@@ -71,7 +72,7 @@ impl<'a> Tree<'a> {
             if is_link {
                 let is_outside = datasets.iter().any(|name| name == " file");
                 if is_outside || !groups.iter().any(|name| name == " link") {
-                    let place = format!("node `{}`", shortened(&name));
+                    let place = format!("node `{}`", clip(&name));
                     let advice = "join the files: `cgnsconvert -l FILE out.cgns`";
                     let found = "a link to another file";
                     return Err(Error::format(
@@ -118,7 +119,7 @@ impl<'a> Tree<'a> {
     }
 
     pub(super) fn fault(&self, node: &Node, expected: impl Into<String>, found: String) -> Error {
-        let place = format!("node `{}`", shortened(&node.name));
+        let place = format!("node `{}`", clip(&node.name));
         Error::format(self.path, place, expected, found, DAMAGED)
     }
 }
@@ -136,8 +137,4 @@ fn likely_label(above: &str, name: &str, groups: &[String]) -> &'static str {
         "GridCoordinates_t" | "FlowSolution_t" => "DataArray_t",
         _ => "",
     }
-}
-
-fn shortened(name: &str) -> String {
-    name.chars().take(60).collect()
 }

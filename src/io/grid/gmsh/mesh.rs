@@ -16,6 +16,7 @@ use super::elements::{Element, element};
 use super::stream::Stream;
 use crate::data::cells::CellMesh;
 use crate::error::{Error, Result};
+use crate::io::vtk::xml::clip;
 
 /// Version of the format.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -123,7 +124,7 @@ impl Mesh {
             let (Some(Ok(dimension)), Some(Ok(number))) = (numbers.next(), numbers.next()) else {
                 return Err(fault());
             };
-            let name = name.trim_end_matches('"').chars().take(60).collect();
+            let name = clip(name.trim_end_matches('"'));
             self.names.push((dimension, number, name));
         }
         Ok(())

@@ -5,6 +5,7 @@
 use std::path::Path;
 
 use crate::error::{Error, Result};
+use crate::io::vtk::xml::clip;
 use crate::io::vtk::xml::find;
 
 pub(super) const DAMAGED: &str = "the file is damaged: save it again";
@@ -182,7 +183,7 @@ impl<'a> Stream<'a> {
     }
 
     pub(super) fn fault(&self, expected: &str, found: &str) -> Error {
-        let found: String = found.chars().take(60).collect();
+        let found = clip(found);
         let place = match self.is_text {
             true => {
                 let before = &self.bytes[..self.last];

@@ -28,6 +28,7 @@ use crate::io::options::ReadAs;
 use crate::io::particles::table::{joined, list};
 use crate::io::time_steps::chosen;
 use crate::io::vtk;
+use crate::io::vtk::xml::clip;
 use crate::scene::Values;
 
 /// Whether the variables are those of Exodus.
@@ -156,7 +157,7 @@ fn append_block(
     let shape = connect.shape();
     let is_polygons = name.to_ascii_lowercase().starts_with("nsided");
     let left_out = |what: &str| {
-        let name = super::shortened(&name);
+        let name = clip(&name);
         Ok(Some(format!(
             "Block {number} is left out: {what} `{name}` are not read."
         )))

@@ -26,6 +26,7 @@ use crate::data::unit;
 use crate::error::{Error, Result};
 use crate::io::particles::table::list;
 use crate::io::time_steps::chosen;
+use crate::io::vtk::xml::clip;
 
 /// The file's variables and time dimensions.
 struct Contents<'f> {
@@ -278,7 +279,7 @@ impl<'f> Contents<'f> {
             } else {
                 notes.push(format!(
                     "Places along `{}` are counted: there are no coordinates.",
-                    super::shortened(&dimension.name)
+                    clip(&dimension.name)
                 ));
                 axes[axis] = (0..dims[axis]).map(|i| i as f64).collect();
             }
@@ -325,7 +326,7 @@ impl<'f> Contents<'f> {
             at.is_empty() && (v.name() == level.name || is_height(v))
         };
         let count = usize::try_from(level.size).unwrap_or(usize::MAX);
-        let name = super::shortened(&level.name);
+        let name = clip(&level.name);
         let (kind, numbers) = match of_levels.iter().find(is_level) {
             Some((variable, at)) => (
                 vertical(variable),

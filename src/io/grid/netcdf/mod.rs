@@ -33,6 +33,7 @@ use crate::io::particles::hdf5;
 use crate::io::particles::hdf5::file::storage;
 use crate::io::refused;
 use crate::io::time_steps::{self, TimeStep};
+use crate::io::vtk::xml::clip;
 use crate::scene::Values;
 
 /// Extensions of netCDF files, including those of Exodus.
@@ -250,7 +251,7 @@ fn text(attributes: &[NcAttribute], name: &str) -> Option<String> {
 }
 
 fn place(variable: &NcVariable) -> String {
-    format!("variable `{}`", shortened(variable.name()))
+    format!("variable `{}`", clip(variable.name()))
 }
 
 /// Converts the decoder's error to one of this library.
@@ -262,8 +263,4 @@ fn broken(path: &Path, place: &str, error: &netcdf_reader::Error) -> Error {
         error.to_string().chars().take(300).collect::<String>(),
         "copy the file again, or rewrite it (nccopy) without unusual filters",
     )
-}
-
-fn shortened(name: &str) -> String {
-    name.chars().take(60).collect()
 }

@@ -15,6 +15,7 @@ use std::path::Path;
 use roxmltree::{Document, Node, ParsingOptions};
 
 use crate::error::{Error, Result};
+use crate::io::vtk::xml::clip;
 
 /// Most nodes of the document (elements, their text, and the space between them), for each byte of the file and in any case.
 /// Entities could otherwise make any number.
@@ -43,7 +44,7 @@ impl fmt::Display for Place<'_, '_> {
         write!(
             f,
             "element `{}`, line {line}",
-            clipped(self.0.tag_name().name())
+            clip(self.0.tag_name().name())
         )
     }
 }
@@ -115,7 +116,7 @@ impl<'a> Xml<'a> {
         found: impl AsRef<str>,
     ) -> Error {
         let advice = "correct the file, or write it again";
-        let found = clipped(found.as_ref());
+        let found = clip(found.as_ref());
         Error::format(
             self.path,
             Self::place(node).to_string(),
@@ -287,8 +288,4 @@ pub(super) fn attribute<'a>(node: Node<'a, '_>, names: &[&str]) -> Option<&'a st
         .iter()
         .find_map(|name| node.attribute(*name))
         .map(str::trim)
-}
-
-fn clipped(text: &str) -> String {
-    text.chars().take(60).collect()
 }

@@ -3,11 +3,12 @@
 use hdf5_reader::group::Group;
 use hdf5_reader::{SliceInfo, SliceInfoElem};
 
-use super::file::{SnapshotFile, broken, selected_bytes, shortened};
+use super::file::{SnapshotFile, broken, selected_bytes};
 use super::layout::{Layout, NotRead};
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;
 use crate::io::bytes::scalars::Encoding;
+use crate::io::vtk::xml::clip;
 use crate::memory::check_room;
 
 /// Greatest total size of the arrays that are read, as a multiple of the file's length.
@@ -102,7 +103,7 @@ impl<'a> ArrayFile<'a> {
         part: Option<&[Selected]>,
     ) -> Result<ShapedArray> {
         let path = self.file.path;
-        let place = || format!("dataset `{}`", shortened(name));
+        let place = || format!("dataset `{}`", clip(name));
         let failed = |e| broken(path, &place(), &e);
         let fault = |expected: &str, found: String| {
             let advice = "the file is damaged, or not the one meant: write it again";

@@ -20,6 +20,7 @@ use crate::data::unit;
 use crate::error::{Error, Result};
 use crate::io::bytes::file::{Input, open_regular};
 use crate::io::bytes::scalars::{Encoding, ScalarType, Stride, doubles, points, values};
+use crate::io::vtk::xml::clip;
 use crate::memory::check_room;
 use crate::scene::Values;
 
@@ -195,7 +196,7 @@ impl<'a> SnapshotFile<'a> {
         ranks: usize,
         rows: Option<Range<usize>>,
     ) -> Result<Found> {
-        let place = || format!("dataset `{}/{}`", group.name(), shortened(name));
+        let place = || format!("dataset `{}/{}`", group.name(), clip(name));
         let failed = |e| broken(self.path, &place(), &e);
         let dataset = group.dataset(name).map_err(failed)?;
         let layout = match Layout::of(&dataset.raw_datatype().map_err(failed)?) {
@@ -290,7 +291,7 @@ impl<'a> SnapshotFile<'a> {
     pub(super) fn unreadable(&self, group: &Group, name: &str, layout: String) -> Error {
         Error::format(
             self.path,
-            format!("dataset `{}/{}`", group.name(), shortened(name)),
+            format!("dataset `{}/{}`", group.name(), clip(name)),
             "IEEE numbers, or the shorter ones of SWIFT's lossy compression",
             layout,
             AS_FLOATS,
@@ -348,9 +349,9 @@ impl<'a> SnapshotFile<'a> {
                 }
                 Found::Unreadable(layout) => self.note(format!(
                     "Left out, because numbers are not read that are stored like these: `{}`, {layout}; {AS_FLOATS}.",
-                    shortened(&name)
+                    clip(&name)
                 )),
-                _ => left_out.push(format!("`{}`", shortened(&name))),
+                _ => left_out.push(format!("`{}`", clip(&name))),
             }
         }
         if !left_out.is_empty() {
@@ -557,9 +558,5 @@ pub(super) fn broken(path: &Path, place: &str, error: &hdf5_reader::error::Error
         Some(_) => "rewrite it with another filter: h5repack -f GZIP=4",
         None => "copy the file again",
     };
-    Error::format(path, shortened(place), "sound HDF5", found, advice)
-}
-
-pub(super) fn shortened(name: &str) -> String {
-    name.chars().take(60).collect()
+    Error::format(path, clip(place), "sound HDF5", found, advice)
 }

@@ -15,12 +15,13 @@ use hdf5_reader::group::Group;
 
 use super::super::table;
 use super::super::types::choose;
-use super::file::{SnapshotFile, shortened};
+use super::file::SnapshotFile;
 use super::gas;
 use crate::data::dataset::{Dataset, FieldSource};
 use crate::data::particle_type::{ParticleCount, ParticleType};
 use crate::data::smoothing::{LengthMeaning, Smoothing, SphKernel};
 use crate::error::Result;
+use crate::io::vtk::xml::clip;
 use crate::math::narrowed;
 use crate::scene::Values;
 
@@ -216,7 +217,7 @@ fn swift_kernel(file: &SnapshotFile<'_>) -> Result<SphKernel> {
     if known.is_none() {
         file.note(format!(
             "The kernel is not known (`{}`): taken as a cubic spline.",
-            shortened(&name)
+            clip(&name)
         ));
     }
     Ok(known.map_or(SphKernel::CubicSpline, |(_, kernel)| *kernel))

@@ -18,6 +18,7 @@ use crate::data::association::Association;
 use crate::data::dataset::{Field, FieldSource};
 use crate::error::Result;
 use crate::io::bytes::scalars::ScalarType;
+use crate::io::vtk::xml::clip;
 use crate::scene::Values;
 
 /// Greatest number of arrays without numbers that a note names.
@@ -333,9 +334,4 @@ fn byte(intensity: f32) -> u8 {
     {
         (intensity.clamp(0.0, 1.0) * 255.0).round() as u8
     }
-}
-
-/// A name short enough for a message.
-fn clip(name: &str) -> String {
-    name.chars().take(60).collect()
 }

@@ -22,7 +22,7 @@ use std::ops::Range;
 
 use hdf5_reader::group::Group;
 
-use super::file::{Array, Found, SnapshotFile, broken, shortened, whole};
+use super::file::{Array, Found, SnapshotFile, broken, whole};
 use crate::data::association::Association;
 use crate::data::dataset::Dataset;
 use crate::error::{Error, Result};
@@ -30,6 +30,7 @@ use crate::io::bytes::scalars;
 use crate::io::options::ReadAs;
 use crate::io::vtk::meshes::Part;
 use crate::io::vtk::pieces::element_of;
+use crate::io::vtk::xml::clip;
 use crate::io::{time_steps, vtk};
 
 /// Name of the file's top group.
@@ -167,7 +168,7 @@ impl<'f, 'a> Block<'f, 'a> {
     }
 
     fn fault(&self, place: &str, expected: &str, found: String) -> Error {
-        let place = format!("{}/{place}", shortened(self.group.name()));
+        let place = format!("{}/{place}", clip(self.group.name()));
         Error::format(self.file.path, place, expected, found, DAMAGED)
     }
 
@@ -220,10 +221,10 @@ impl<'f, 'a> Block<'f, 'a> {
             other => {
                 return Err(Error::format(
                     self.file.path,
-                    format!("{}, attribute `Type`", shortened(self.group.name())),
+                    format!("{}, attribute `Type`", clip(self.group.name())),
                     "ImageData, UnstructuredGrid, PolyData, OverlappingAMR, MultiBlockDataSet or \
                      PartitionedDataSetCollection",
-                    format!("`{}`, which is not read yet", shortened(other)),
+                    format!("`{}`, which is not read yet", clip(other)),
                     "save it as one of these",
                 ));
             }
@@ -247,7 +248,7 @@ impl<'f, 'a> Block<'f, 'a> {
         let start = numbers.and_then(|n| n.get(self.step).copied());
         let start = start.and_then(whole);
         start.map(Some).ok_or_else(|| {
-            let place = format!("Steps/{}", shortened(name));
+            let place = format!("Steps/{}", clip(name));
             self.fault(&place, "where each step begins", "something else".into())
         })
     }
@@ -300,7 +301,7 @@ impl<'f, 'a> Block<'f, 'a> {
         let array = match self.file.selected_array(group, name, ranks, rows)? {
             Found::Numbers(array) => array,
             Found::Other | Found::Unreadable(_) => {
-                let name = shortened(name);
+                let name = clip(name);
                 self.file.note(format!(
                     "Left out, because it does not hold numbers that are read: `{name}`."
                 ));
@@ -317,12 +318,12 @@ impl<'f, 'a> Block<'f, 'a> {
     /// Reads an array that must exist.
     fn needed(&self, group: &Group, name: &str, rows: Option<Range<usize>>) -> Result<Array> {
         if !self.file.has(group, name)? {
-            return Err(self.fault(&shortened(name), "this array", "none".into()));
+            return Err(self.fault(&clip(name), "this array", "none".into()));
         }
         match self.file.selected_array(group, name, 1, rows)? {
             Found::Numbers(array) => Ok(array),
             Found::Other | Found::Unreadable(_) => {
-                Err(self.fault(&shortened(name), "numbers in rows", "something else".into()))
+                Err(self.fault(&clip(name), "numbers in rows", "something else".into()))
             }
         }
     }
@@ -357,7 +358,7 @@ impl<'f, 'a> Block<'f, 'a> {
                 scalars::NotIntegers::Fractions => "fractions".to_owned(),
                 scalars::NotIntegers::Refused(at, n) => format!("{n} as number {at}"),
             };
-            self.fault(&shortened(name), "whole numbers that fit", found)
+            self.fault(&clip(name), "whole numbers that fit", found)
         })
     }
 }
