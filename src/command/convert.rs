@@ -28,7 +28,7 @@ use serde_json::{Value, json};
 
 use super::certificate::{certificate, line};
 use super::fewer::{FewerOptions, line as fewer_line};
-use super::fewest::{Splats, fewest};
+use super::fewest::fewest;
 use super::input::DataOptions;
 use super::lit::FileLightOptions;
 use super::outputs::check_collisions;
@@ -140,7 +140,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
                 .of_mesh(&dataset, &options)?
                 .filter(|_| is_alone)
             {
-                Some(most) => converted.add_fewest(dataset, &options, most, up.direction)?,
+                Some(most) => {
+                    converted.add_fewest(dataset, &options, (most, up.direction), &bar)?
+                }
                 None => converted.add(dataset, &options, light, &bar)?,
             }
             converted.ups.push((path.clone(), up));
@@ -438,64 +440,35 @@ impl Converted {
         self.report.append(report);
         Ok(())
     }
-}
 
-/// Splats of a mesh alone.
-#[derive(Clone)]
-struct OfMesh {
-    cloud: SplatCloud,
-    report: ConversionReport,
-    summary: Option<Value>,
-}
-
-impl Splats for OfMesh {
-    fn cloud(&self) -> &SplatCloud {
-        &self.cloud
-    }
-}
-
-impl OfMesh {
-    /// Converts a mesh in the colours of its materials.
-    fn new(dataset: Dataset, options: &SampleOptions) -> Result<Self> {
-        let path = dataset.path.clone();
-        let sampled = scene(dataset, options)?;
-        let summary = sampled.report.mesh.as_ref();
-        let summary = summary.map(|mesh| mesh_summary(&path, mesh));
-        let (cloud, report) = splat_cloud(&sampled.volumes).map_err(|e| e.in_file(&path))?;
-        Ok(Self {
-            cloud,
-            report,
-            summary,
-        })
-    }
-}
-
-impl Converted {
     /// Converts a mesh to the fewest splats with a stated error, and adds them.
     fn add_fewest(
         &mut self,
         dataset: Dataset,
         options: &SampleOptions,
-        most: f64,
-        up: DVec3,
+        (most, up): (f64, DVec3),
+        bar: &ProgressBar,
     ) -> Result<()> {
         let Geometry::Mesh(mesh) = &dataset.geometry else {
-            return Ok(());
+            return self.add(dataset, options, None, bar);
         };
-        let all = OfMesh::new(dataset.clone(), options)?;
-        let make = |count: usize| {
+        let made = |spread: Spread| {
             let mut options = options.clone();
-            options.kernels.spread = Spread::Count(count);
-            OfMesh::new(dataset.clone(), &options)
+            options.kernels.spread = spread;
+            let mut made = Self::default();
+            made.add(dataset.clone(), &options, None, bar)?;
+            Ok(made)
         };
-        let (best, fewer) = fewest(mesh, all, most, up, make)?;
+        let all = made(options.kernels.spread)?;
+        let some = |count| made(Spread::Count(count));
+        let (best, fewer) = fewest(mesh, all, |made| &made.cloud, (most, up), some)?;
         if fewer["mesh"]["given"].as_f64() > Some(most) {
             self.notes.push(format!(
                 "--error {most}: all splats are farther from the mesh and are kept; --count or --spacing makes more"
             ));
         }
         self.fewer = fewer;
-        self.meshes.extend(best.summary);
+        self.meshes.extend(best.meshes);
         self.cloud.append(best.cloud);
         self.report.append(best.report);
         Ok(())

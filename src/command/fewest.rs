@@ -24,11 +24,6 @@ const JUMP_PX: f64 = 8.0;
 /// Number of splats of one try, as a share of the next larger.
 const STEP: f64 = 0.8;
 
-/// Splats of a mesh.
-pub(super) trait Splats: Clone {
-    fn cloud(&self) -> &SplatCloud;
-}
-
 /// Pictures of a mesh and of all its splats from the same sides.
 struct Compared {
     pictures: Pictures,
@@ -113,21 +108,22 @@ fn inside(image: &Image, distances: &[f64], camera: &Camera) -> Vec<bool> {
 ///
 /// Numbers of splats fall in steps of a fifth. The step is found by bisection, as if each had a larger error than the one before.
 ///
+/// - `cloud`: returns the splats of what is made.
 /// - `most`: greatest difference of sRGB codes, 0 to 1.
 /// - `up`: direction that points up.
 /// - `make`: makes about as many splats as stated.
 ///
 /// # Errors
 /// The errors of drawing and of `make`.
-pub(super) fn fewest<T: Splats>(
+pub(super) fn fewest<T>(
     mesh: &Mesh,
     all: T,
-    most: f64,
-    up: DVec3,
+    cloud: impl Fn(&T) -> &SplatCloud,
+    (most, up): (f64, DVec3),
     make: impl Fn(usize) -> Result<T>,
 ) -> Result<(T, Value)> {
-    let given = all.cloud().positions.len();
-    let compared = Compared::new(mesh, all.cloud().clone(), up)?;
+    let given = cloud(&all).positions.len();
+    let compared = Compared::new(mesh, cloud(&all).clone(), up)?;
     let pictures = &compared.pictures;
     let of_all = compared.error(&pictures.images);
     let (mut best, mut best_error) = (all, of_all);
@@ -148,14 +144,14 @@ pub(super) fn fewest<T: Splats>(
     while of_all <= most && bad - good > 1 {
         let step = good.midpoint(bad);
         let few = make(number(step))?;
-        let error = compared.error(&pictures.again(few.cloud().clone())?);
+        let error = compared.error(&pictures.again(cloud(&few).clone())?);
         if error <= most {
             (good, best, best_error) = (step, few, error);
         } else {
             bad = step;
         }
     }
-    let mut summary = pictures.summary(given, best.cloud())?;
+    let mut summary = pictures.summary(given, cloud(&best))?;
     summary["mesh"] = json!({ "given": of_all, "splats": best_error });
     Ok((best, summary))
 }
