@@ -310,6 +310,11 @@ unsafe fn made<T>(out: *mut *mut T, make: impl FnOnce() -> Result<T>) -> i32 {
     })
 }
 
+/// Makes a scene, in a process that may have been forked.
+fn scene(make: impl FnOnce() -> Result<Drawable> + Send) -> Result<Scene> {
+    Ok(Scene(Arc::new(with_workers(make)?)))
+}
+
 /// Frees a handle.
 ///
 /// # Safety
@@ -435,8 +440,7 @@ pub(crate) unsafe extern "C" fn ewa_scene_points(
             let own = (0..column_count).map(|i| named(columns.add(i), "columns"));
             let own = own.collect::<Result<Vec<_>>>()?;
             let options = text(options, "options")?;
-            let scene = with_workers(|| scenes::points(places, own, options))?;
-            Ok(Scene(Arc::new(scene)))
+            scene(|| scenes::points(places, own, options))
         })
     }
 }
@@ -463,9 +467,7 @@ pub(crate) unsafe extern "C" fn ewa_scene_grid(
             });
             let values = field(values, association)?;
             let options = text(options, "options")?;
-            let scene =
-                with_workers(|| scenes::grid(dims, origin, spacing, direction, values, options))?;
-            Ok(Scene(Arc::new(scene)))
+            scene(|| scenes::grid(dims, origin, spacing, direction, values, options))
         })
     }
 }
@@ -486,8 +488,7 @@ pub(crate) unsafe extern "C" fn ewa_scene_rectilinear(
             let coordinates = [array(x, "x")?, array(y, "y")?, array(z, "z")?];
             let values = field(values, association)?;
             let options = text(options, "options")?;
-            let scene = with_workers(|| scenes::rectilinear(coordinates, values, options))?;
-            Ok(Scene(Arc::new(scene)))
+            scene(|| scenes::rectilinear(coordinates, values, options))
         })
     }
 }
@@ -507,8 +508,7 @@ pub(crate) unsafe extern "C" fn ewa_scene_structured(
             let (dims, nodes) = (all(dims, "dims")?, positions(points)?);
             let values = field(values, association)?;
             let options = text(options, "options")?;
-            let scene = with_workers(|| scenes::structured(dims, nodes, values, options))?;
-            Ok(Scene(Arc::new(scene)))
+            scene(|| scenes::structured(dims, nodes, values, options))
         })
     }
 }
@@ -532,10 +532,7 @@ pub(crate) unsafe extern "C" fn ewa_scene_cells(
             let connectivity = array(connectivity, "connectivity")?;
             let values = field(values, association)?;
             let options = text(options, "options")?;
-            let scene = with_workers(|| {
-                scenes::cells(nodes, kinds, offsets, connectivity, values, options)
-            })?;
-            Ok(Scene(Arc::new(scene)))
+            scene(|| scenes::cells(nodes, kinds, offsets, connectivity, values, options))
         })
     }
 }
@@ -563,9 +560,7 @@ pub(crate) unsafe extern "C" fn ewa_scene_mesh(
                 false => Some(field(values, association)?),
             };
             let options = text(options, "options")?;
-            let scene =
-                with_workers(|| scenes::mesh(vertices, triangles, colours, values, options))?;
-            Ok(Scene(Arc::new(scene)))
+            scene(|| scenes::mesh(vertices, triangles, colours, values, options))
         })
     }
 }
@@ -580,8 +575,7 @@ pub(crate) unsafe extern "C" fn ewa_scene_file(
     unsafe {
         made(out, || {
             let (path, options) = (words(path, "path")?, text(options, "options")?);
-            let scene = with_workers(|| scenes::file(Path::new(path), options))?;
-            Ok(Scene(Arc::new(scene)))
+            scene(|| scenes::file(Path::new(path), options))
         })
     }
 }
