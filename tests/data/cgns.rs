@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use ewa_splat::io::{CellMesh, Dataset, Geometry, OpenOptions, format_of, open, read};
 use glam::DVec3;
 
-use crate::support::numbers;
+use crate::support::{at_step, cells, numbers};
 
 fn path(name: &str) -> PathBuf {
     let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
@@ -14,18 +14,7 @@ fn path(name: &str) -> PathBuf {
 }
 
 fn fixture(name: &str, time_step: Option<usize>) -> Dataset {
-    let options = OpenOptions {
-        time_step,
-        ..OpenOptions::default()
-    };
-    open(&path(name), &options).unwrap()
-}
-
-fn cells(data: &Dataset) -> &CellMesh {
-    let Geometry::Cells(cells) = &data.geometry else {
-        panic!("no cells")
-    };
-    cells
+    at_step(&path(name), time_step)
 }
 
 fn kinds(mesh: &CellMesh) -> Vec<u8> {

@@ -3,10 +3,10 @@
 
 use std::path::{Path, PathBuf};
 
-use ewa_splat::io::{Association, CellMesh, Dataset, Geometry, OpenOptions, format_of, open, read};
+use ewa_splat::io::{Association, CellMesh, Dataset, Geometry, OpenOptions, format_of, read};
 use glam::DVec3;
 
-use crate::support::numbers;
+use crate::support::{at_step, cells, numbers};
 
 /// Files of the same mesh and results in each version and form, two of them in big-endian order.
 const FORMS: [&str; 7] = [
@@ -25,18 +25,7 @@ fn path(name: &str) -> PathBuf {
 }
 
 fn fixture(name: &str, time_step: Option<usize>) -> Dataset {
-    let options = OpenOptions {
-        time_step,
-        ..OpenOptions::default()
-    };
-    open(&path(name), &options).unwrap()
-}
-
-fn cells(data: &Dataset) -> &CellMesh {
-    let Geometry::Cells(cells) = &data.geometry else {
-        panic!("no cells")
-    };
-    cells
+    at_step(&path(name), time_step)
 }
 
 #[test]
@@ -275,10 +264,7 @@ fn elements_of_two_groups_are_one() {
         }
         text += "$EndElements\n";
         let data = read("a.msh", text.as_bytes(), &OpenOptions::default()).unwrap();
-        let Geometry::Cells(cells) = &data.geometry else {
-            panic!("no cells")
-        };
-        assert_eq!(cells.cell_count(), expected);
+        assert_eq!(cells(&data).cell_count(), expected);
         let is_told = data.notes.iter().any(|note| note.contains("2 elements"));
         assert_eq!(is_told, expected == 2, "{:?}", data.notes);
     }

@@ -4,13 +4,13 @@
 use std::path::Path;
 
 use ewa_splat::Error;
-use ewa_splat::io::{CellKind, CellMesh, Dataset, Geometry, OpenOptions, format_of, open, read};
+use ewa_splat::io::{CellKind, CellMesh, Dataset, OpenOptions, format_of, open, read};
 use glam::DVec3;
 
 use crate::common::real_data;
 use crate::support;
-use crate::support::numbers;
 use crate::support::openfoam::{Form, zoo};
+use crate::support::{cells, numbers};
 
 fn write(folder: &Path, files: &[(String, Vec<u8>)]) {
     for (name, bytes) in files {
@@ -26,13 +26,6 @@ fn at_step(path: &Path, step: usize) -> ewa_splat::Result<Dataset> {
         ..OpenOptions::default()
     };
     open(path, &options)
-}
-
-fn cells(data: &Dataset) -> &CellMesh {
-    match &data.geometry {
-        Geometry::Cells(mesh) => mesh,
-        other => panic!("cells expected, not {other:?}"),
-    }
 }
 
 /// Returns the volume that a cell's faces enclose, by the divergence theorem: positive if they face

@@ -3,9 +3,9 @@
 
 use std::path::{Path, PathBuf};
 
-use ewa_splat::io::{CellMesh, Dataset, Geometry, OpenOptions, format_of, open, read, read_with};
+use ewa_splat::io::{CellMesh, Dataset, Geometry, OpenOptions, format_of, read, read_with};
 
-use crate::support::numbers;
+use crate::support::{at_step, cells, numbers};
 
 fn path(name: &str) -> PathBuf {
     let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
@@ -13,24 +13,13 @@ fn path(name: &str) -> PathBuf {
 }
 
 fn fixture(name: &str, time_step: Option<usize>) -> Dataset {
-    let options = OpenOptions {
-        time_step,
-        ..OpenOptions::default()
-    };
-    open(&path(name), &options).unwrap()
+    at_step(&path(name), time_step)
 }
 
 fn times(name: &str) -> Vec<Option<f64>> {
     let format = format_of(&path(name), &OpenOptions::default()).unwrap();
     let steps = format.time_steps(&path(name)).unwrap();
     steps.iter().map(|step| step.time).collect()
-}
-
-fn cells(data: &Dataset) -> &CellMesh {
-    let Geometry::Cells(cells) = &data.geometry else {
-        panic!("no cells")
-    };
-    cells
 }
 
 /// The field that the files of twelve nodes have.

@@ -22,12 +22,29 @@ use std::path::{Path, PathBuf};
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use ewa_splat::io::{Dataset, OpenOptions, ParticleType, open};
+use ewa_splat::io::{CellMesh, Dataset, Geometry, OpenOptions, ParticleType, open};
 
 /// Returns the numbers of a field.
 pub(crate) fn numbers(data: &Dataset, selector: &str) -> Vec<f32> {
     let (_, values) = data.scalar(selector).unwrap();
     (0..values.len()).map(|i| values.get(i)).collect()
+}
+
+/// Returns the cells of a grid of cells.
+pub(crate) fn cells(data: &Dataset) -> &CellMesh {
+    match &data.geometry {
+        Geometry::Cells(mesh) => mesh,
+        other => panic!("cells expected, not {other:?}"),
+    }
+}
+
+/// Opens a file at a time step.
+pub(crate) fn at_step(path: &Path, time_step: Option<usize>) -> Dataset {
+    let options = OpenOptions {
+        time_step,
+        ..OpenOptions::default()
+    };
+    open(path, &options).unwrap()
 }
 
 /// Returns options that read one type of a snapshot's particles.
