@@ -12,6 +12,7 @@ pub(super) mod nek;
 #[cfg(feature = "netcdf")]
 pub(super) mod netcdf;
 pub(super) mod openfoam;
+mod orders;
 pub(super) mod plot3d;
 pub(super) mod plotfile;
 pub(super) mod tecplot;

@@ -24,6 +24,7 @@ use glam::DVec3;
 
 use super::block_cells;
 use super::budget::Budget;
+use super::zones::too_many_entries;
 use crate::data::association::Association;
 use crate::data::cells::CellMesh;
 use crate::data::dataset::{Dataset, Field, FieldSource};
@@ -327,9 +328,11 @@ fn read_field(input: Input<'_>, read_as: Option<ReadAs>) -> Result<Dataset> {
     for element in 0..file.elements.len() {
         let first = element * header.per_element();
         block_cells::append(&mut mesh, header.dims, first).ok_or_else(|| {
-            let expected = format!("at most {} entries of cells", u32::MAX);
-            let advice = "write it in more files, each of fewer elements";
-            Error::format(path, "elements", expected, "more", advice)
+            too_many_entries(
+                path,
+                "elements",
+                "write it in more files, each of fewer elements",
+            )
         })?;
     }
     mesh.nodes = nodes;

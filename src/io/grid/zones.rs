@@ -184,12 +184,15 @@ fn fields(zones: &mut [Zone], budget: &Budget<'_>) -> Result<Vec<Field>> {
 /// # Errors
 /// More entries than 32-bit integers count.
 pub(super) fn push_cell(path: &Path, mesh: &mut CellMesh, kind: CellKind) -> Result<()> {
-    let end = u32::try_from(mesh.connectivity.len()).map_err(|_| {
-        let expected = format!("at most {} entries of cells", u32::MAX);
-        let advice = "save the grid in several files";
-        Error::format(path, "cells", expected, "more", advice)
-    })?;
+    let end = u32::try_from(mesh.connectivity.len());
+    let end = end.map_err(|_| too_many_entries(path, "cells", "save the grid in several files"))?;
     mesh.offsets.push(end);
     mesh.kinds.push(kind);
     Ok(())
+}
+
+/// Makes the error for cells whose nodes 32-bit integers do not count.
+pub(super) fn too_many_entries(path: &Path, place: &str, advice: &str) -> Error {
+    let expected = format!("at most {} entries of cells", u32::MAX);
+    Error::format(path, place, expected, "more", advice)
 }

@@ -4,6 +4,7 @@
 //! bottom upwards. Source: "Element Numbering Conventions" of the CGNS/SIDS.
 
 use crate::data::cells::CellKind;
+use crate::io::grid::orders::{HEXAHEDRON_20, WEDGE_15, WEDGE_18};
 
 /// Number of a list of elements of several types.
 pub(super) const MIXED: i64 = 20;
@@ -20,17 +21,12 @@ pub(super) struct Element {
     pub(super) order: Option<&'static [u8]>,
 }
 
-const HEXAHEDRON_20: &[u8] = &[
-    0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 16, 17, 18, 19, 12, 13, 14, 15,
-];
 /// After its edges CGNS has bottom, front, right, back, left, top and the centre; VTK has left, right, front, back,
 /// bottom, top and the centre.
 const HEXAHEDRON_27: &[u8] = &[
     0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 16, 17, 18, 19, 12, 13, 14, 15, 24, 22, 21, 23, 20, 25,
     26,
 ];
-const PENTA_15: &[u8] = &[0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 13, 14, 9, 10, 11];
-const PENTA_18: &[u8] = &[0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 13, 14, 9, 10, 11, 15, 16, 17];
 /// Without the node in the middle of its base.
 const PYRAMID_13: &[u8] = &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12];
 
@@ -50,8 +46,8 @@ pub(super) fn element(number: i64) -> Option<Element> {
         12 => (14, 5, None),
         13 => (27, 14, Some(PYRAMID_13)),
         14 => (13, 6, None),
-        15 => (26, 15, Some(PENTA_15)),
-        16 => (32, 18, Some(PENTA_18)),
+        15 => (26, 15, Some(WEDGE_15)),
+        16 => (32, 18, Some(WEDGE_18)),
         17 => (12, 8, None),
         18 => (25, 20, Some(HEXAHEDRON_20)),
         19 => (29, 27, Some(HEXAHEDRON_27)),

@@ -7,7 +7,7 @@
 //! | `Elements_t` | [`sections`]; their types: [`elements`] |
 //! | the tree in HDF5 | [`tree`] |
 //!
-//! Of several bases those with the most dimensions are read, all zones together. Arrays whose names differ in a last X, Y
+//! Bases of fewer dimensions than others are left out; all zones are read together. Arrays whose names differ in a last X, Y
 //! and Z become a vector. Planes of rind, beyond the zone's own nodes or cells, are left out.
 //!
 //! Source: the CGNS Standard Interface Data Structures (SIDS), version 4.
@@ -23,7 +23,7 @@ use super::zones::joined;
 use crate::data::dataset::Dataset;
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;
-use crate::io::bytes::scalars::{NotIntegers, Stride, doubles, integers};
+use crate::io::bytes::scalars::{NotIntegers, integers};
 use crate::io::options::ReadAs;
 use crate::io::particles::hdf5::arrays::ShapedArray;
 use crate::io::particles::table::list;
@@ -151,7 +151,7 @@ fn times(tree: &Tree<'_>, bases: &[Base]) -> Result<Vec<f64>> {
                 continue;
             };
             let array = tree.numbers(values)?;
-            return Ok(array.map(|array| real(&array)).unwrap_or_default());
+            return Ok(array.map(|array| array.numbers(0, 1)).unwrap_or_default());
         }
     }
     Ok(Vec::new())
@@ -175,15 +175,4 @@ fn whole(tree: &Tree<'_>, node: &Node, array: &ShapedArray) -> Result<Vec<i64>> 
         };
         tree.fault(node, "whole numbers", found)
     })
-}
-
-/// Returns numbers in double precision.
-fn real(array: &ShapedArray) -> Vec<f64> {
-    let size = array.encoding.scalar.size();
-    let stride = Stride {
-        first: 0,
-        step: size,
-        count: array.bytes.len() / size,
-    };
-    doubles(&array.bytes, array.encoding, stride).unwrap_or_default()
 }

@@ -15,13 +15,13 @@ use super::elements::{MIXED, NFACE, NGON, element};
 use super::tree::{Node, Tree};
 use super::whole;
 use crate::data::cells::{CellKind, CellMesh};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::io::grid::face_cells;
-use crate::io::grid::zones::push_cell;
+use crate::io::grid::zones::{push_cell, too_many_entries};
 
 /// A section.
-struct Section {
-    node: Node,
+struct Section<'n> {
+    node: &'n Node,
     kind: i64,
     /// Number of its first element.
     first: i64,
@@ -53,6 +53,15 @@ impl Polygons {
     fn nodes(&self, i: usize) -> &[u32] {
         &self.nodes[self.offsets[i]..self.offsets[i + 1]]
     }
+
+    /// Returns the nodes of a polygon, turned if it faces inwards.
+    fn outward(&self, i: usize, is_outward: bool) -> Vec<u32> {
+        let mut nodes = self.nodes(i).to_vec();
+        if !is_outward {
+            nodes.reverse();
+        }
+        nodes
+    }
 }
 
 /// Appends the elements of all sections to the nodes of a zone.
@@ -61,9 +70,9 @@ impl Polygons {
 ///
 /// # Errors
 /// Sections whose numbers are missing or too few; nodes that do not exist.
-pub(super) fn append(
+pub(super) fn append<'n>(
     tree: &Tree<'_>,
-    nodes: Vec<Node>,
+    nodes: impl Iterator<Item = &'n Node>,
     mesh: &mut CellMesh,
     left_out: &mut usize,
 ) -> Result<()> {
@@ -72,7 +81,7 @@ pub(super) fn append(
         sections.extend(read(tree, node)?);
     }
     sections.sort_by_key(|section| section.first);
-    let has_cells = |s: &Section| s.kind == NFACE || s.parents.is_some();
+    let has_cells = |s: &Section<'_>| s.kind == NFACE || s.parents.is_some();
     let are_faces = sections.iter().any(has_cells);
     let mut polygons = Polygons {
         offsets: vec![0],
@@ -106,8 +115,8 @@ pub(super) fn append(
 }
 
 /// Reads the numbers of a section; `None` if it has no elements.
-fn read(tree: &Tree<'_>, node: Node) -> Result<Option<Section>> {
-    let children = tree.children(&node)?;
+fn read<'n>(tree: &Tree<'_>, node: &'n Node) -> Result<Option<Section<'n>>> {
+    let children = tree.children(node)?;
     let numbers = |name: &str| -> Result<Option<Vec<i64>>> {
         let Some(child) = children.iter().find(|child| child.name == name) else {
             return Ok(None);
@@ -128,15 +137,15 @@ fn read(tree: &Tree<'_>, node: Node) -> Result<Option<Section>> {
     let count = count.filter(|(_, count)| *count <= connectivity.len());
     let Some((first, count)) = count else {
         let expected = "`ElementRange`: the first and the last number of its elements";
-        return Err(tree.fault(&node, expected, format!("{} numbers", connectivity.len())));
+        return Err(tree.fault(node, expected, format!("{} numbers", connectivity.len())));
     };
-    let own = tree.numbers(&node)?;
-    let own = own.map(|own| whole(tree, &node, &own)).transpose()?;
+    let own = tree.numbers(node)?;
+    let own = own.map(|own| whole(tree, node, &own)).transpose()?;
     let kind = match own.as_deref() {
         Some([kind, ..]) => *kind,
         // Writers that leave the type out have tetrahedra only.
         _ if connectivity.len() == 4 * count => 10,
-        _ => return Err(tree.fault(&node, "the type of its elements", "none".to_owned())),
+        _ => return Err(tree.fault(node, "the type of its elements", "none".to_owned())),
     };
     Ok(Some(Section {
         kind,
@@ -164,9 +173,9 @@ fn index(tree: &Tree<'_>, node: &Node, node_count: usize, number: i64) -> Result
     })
 }
 
-impl Section {
-    fn fault(&self, tree: &Tree<'_>, expected: &str, found: String) -> crate::error::Error {
-        tree.fault(&self.node, expected, found)
+impl Section<'_> {
+    fn fault(&self, tree: &Tree<'_>, expected: &str, found: String) -> Error {
+        tree.fault(self.node, expected, found)
     }
 
     /// Returns the indices of its polygons.
@@ -203,7 +212,7 @@ impl Section {
         let taken = element.order.map_or(nodes.len(), <[u8]>::len);
         for i in 0..taken {
             let place = element.order.map_or(i, |order| usize::from(order[i]));
-            let node = index(tree, &self.node, mesh.nodes.len(), nodes[place])?;
+            let node = index(tree, self.node, mesh.nodes.len(), nodes[place])?;
             mesh.connectivity.push(node);
         }
         push_cell(tree.path, mesh, element.kind)
@@ -303,7 +312,7 @@ impl Section {
             for &number in list {
                 polygons
                     .nodes
-                    .push(index(tree, &self.node, node_count, number)?);
+                    .push(index(tree, self.node, node_count, number)?);
             }
             polygons.offsets.push(polygons.nodes.len());
         }
@@ -329,11 +338,7 @@ impl Section {
                     self.fault(tree, expected, number.to_string())
                 })?;
                 polygons.uses[face] += 1;
-                let nodes = polygons.nodes(face).iter().copied();
-                outward.push(match number > 0 {
-                    true => nodes.collect::<Vec<u32>>(),
-                    false => nodes.rev().collect(),
-                });
+                outward.push(polygons.outward(face, number > 0));
             }
             if outward.is_empty() {
                 return Err(self.fault(tree, "faces of each polyhedron", "none".to_owned()));
@@ -347,7 +352,7 @@ impl Section {
 /// Appends the cells on both sides of polygons.
 fn of_parents(
     tree: &Tree<'_>,
-    sections: &[Section],
+    sections: &[Section<'_>],
     polygons: &Polygons,
     mesh: &mut CellMesh,
 ) -> Result<()> {
@@ -368,21 +373,19 @@ fn of_parents(
     }
     sides.sort_unstable();
     for cell in sides.chunk_by(|a, b| a.0 == b.0) {
-        let face = |&(_, polygon, is_outward): &(i64, usize, bool)| {
-            let nodes = polygons.nodes(polygon).iter().copied();
-            match is_outward {
-                true => nodes.collect::<Vec<u32>>(),
-                false => nodes.rev().collect(),
-            }
-        };
-        let outward: Vec<Vec<u32>> = cell.iter().map(face).collect();
+        let face = cell
+            .iter()
+            .map(|&(_, polygon, is_outward)| polygons.outward(polygon, is_outward));
+        let outward: Vec<Vec<u32>> = face.collect();
         face_cells::append(mesh, &outward).ok_or_else(|| too_many(tree))?;
     }
     Ok(())
 }
 
-fn too_many(tree: &Tree<'_>) -> crate::error::Error {
-    let expected = format!("at most {} entries of cells", u32::MAX);
-    let advice = "save the zones in files of their own";
-    crate::error::Error::format(tree.path, "elements", expected, "more", advice)
+fn too_many(tree: &Tree<'_>) -> Error {
+    too_many_entries(
+        tree.path,
+        "elements",
+        "save the zones in files of their own",
+    )
 }

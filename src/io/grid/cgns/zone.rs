@@ -3,16 +3,14 @@
 use glam::DVec3;
 
 use super::tree::{Node, Tree};
-use super::{Base, of_label, real, sections, whole};
+use super::{Base, sections, whole};
 use crate::data::association::Association;
 use crate::data::cells::{CellKind, CellMesh};
 use crate::data::dataset::{CurvilinearBlock, Field};
 use crate::error::{Error, Result};
-use crate::io::bytes::scalars::{Stride, values};
 use crate::io::grid::budget::Budget;
 use crate::io::grid::highest::keep_highest;
-use crate::io::grid::zones::{Shape, Zone};
-use crate::io::particles::hdf5::arrays::ShapedArray;
+use crate::io::grid::zones::{Shape, Zone, push_cell};
 use crate::io::particles::table::{joined, list};
 use crate::scene::Values;
 
@@ -103,7 +101,7 @@ impl<'a> Reading<'a> {
         let nodes = self.nodes(coordinates, dims, stated)?;
         let shape = match dims {
             Some(dims) => Shape::Block(CurvilinearBlock { dims, nodes }),
-            None => Shape::Cells(self.cells(node, nodes, &children)?),
+            None => Shape::Cells(self.cells(nodes, &children)?),
         };
         let mut fields = Vec::new();
         for child in &children {
@@ -197,7 +195,7 @@ impl<'a> Reading<'a> {
             let Some(numbers) = tree.numbers(array)? else {
                 continue;
             };
-            let numbers = real(&numbers);
+            let numbers = numbers.numbers(0, 1);
             let found = numbers.len();
             let numbers = without_rind(numbers.len(), dims, count, &rind)
                 .map(|core| core.map(|i| numbers[i]).collect::<Vec<f64>>());
@@ -237,23 +235,20 @@ impl<'a> Reading<'a> {
         Ok((0..node_count).map(node).collect())
     }
 
-    fn cells(&mut self, zone: &Node, nodes: Vec<DVec3>, children: &[Node]) -> Result<CellMesh> {
+    fn cells(&mut self, nodes: Vec<DVec3>, children: &[Node]) -> Result<CellMesh> {
         let mut mesh = CellMesh {
             nodes,
             offsets: vec![0],
             ..CellMesh::default()
         };
-        let has_sections = children.iter().any(|child| child.label == "Elements_t");
-        if has_sections {
-            let own = of_label(self.tree, zone, "Elements_t")?;
-            sections::append(self.tree, own, &mut mesh, &mut self.elements)?;
-        }
+        let own = children.iter().filter(|child| child.label == "Elements_t");
+        sections::append(self.tree, own, &mut mesh, &mut self.elements)?;
         if mesh.kinds.is_empty() {
             let note = "A zone without elements that are read: its nodes are points.";
             self.about_cells.push(note.to_owned());
             for i in 0..mesh.nodes.len() {
                 mesh.connectivity.push(u32::try_from(i).unwrap_or(u32::MAX));
-                super::super::zones::push_cell(self.tree.path, &mut mesh, CellKind::VERTEX)?;
+                push_cell(self.tree.path, &mut mesh, CellKind::VERTEX)?;
             }
         }
         self.about_cells.extend(keep_highest(&mut mesh, &mut []));
@@ -313,7 +308,7 @@ impl<'a> Reading<'a> {
                 return Err(tree.fault(child, expected, format!("{has} numbers")));
             };
             self.budget.spend("solutions", count, size)?;
-            let all = all_values(&array);
+            let all = array.values(0, 1);
             let values = match has == count {
                 true => all,
                 false => {
@@ -376,16 +371,6 @@ struct Names {
     now: Vec<String>,
     /// Solutions of all times.
     all: Vec<String>,
-}
-
-fn all_values(array: &ShapedArray) -> Values {
-    let size = array.encoding.scalar.size();
-    let stride = Stride {
-        first: 0,
-        step: size,
-        count: array.bytes.len() / size,
-    };
-    values(&array.bytes, array.encoding, stride).unwrap_or(Values::U8(Vec::new()))
 }
 
 /// Returns the indices of the numbers that are not of the rind; `None` if there are more or fewer numbers.

@@ -17,7 +17,7 @@ use crate::scene::Values;
 /// Greatest number of components of a result.
 const MOST_COMPONENTS: usize = 16;
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) enum Place {
     Nodes,
     Elements,
@@ -50,6 +50,11 @@ pub(super) struct Section {
 }
 
 impl Section {
+    /// Returns the name and the place, which sections of one result have in common.
+    pub(super) fn result(&self) -> (&str, Place) {
+        (&self.name, self.place)
+    }
+
     /// Reads the text before the entries of a section.
     pub(super) fn read(stream: &mut Stream<'_>, place: Place) -> Result<Self> {
         let mut name = String::new();

@@ -18,7 +18,7 @@ mod elements;
 mod mesh;
 mod stream;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 use self::data::{Place, Results, Section};
 use self::mesh::{Mesh, Version};
@@ -64,12 +64,13 @@ pub(in crate::io) fn read(
 
     let budget = Budget::new(path, bytes.len());
     // A result of a single step is one of all times.
-    let is_lasting = |section: &Section| {
-        let same = sections
-            .iter()
-            .filter(|s| s.name == section.name && s.place == section.place);
-        same.map(|s| s.step).all(|step| step == section.step)
-    };
+    let mut only_steps: HashMap<_, Option<i64>> = HashMap::new();
+    for section in &sections {
+        let only = only_steps.entry(section.result());
+        let only = only.or_insert(Some(section.step));
+        *only = only.filter(|step| *step == section.step);
+    }
+    let is_lasting = |section: &Section| only_steps[&section.result()].is_some();
     let (now, others): (Vec<&Section>, Vec<&Section>) = sections
         .iter()
         .partition(|section| Some(section.step) == step || is_lasting(section));
@@ -90,7 +91,8 @@ pub(in crate::io) fn read(
             list(means.iter().map(String::as_str))
         ));
     }
-    let is_absent = |s: &&&Section| !now.iter().any(|n| n.name == s.name && n.place == s.place);
+    let shown: HashSet<_> = now.iter().map(|section| section.result()).collect();
+    let is_absent = |section: &&&Section| !shown.contains(&section.result());
     let mut absent: Vec<&str> = others
         .iter()
         .filter(is_absent)

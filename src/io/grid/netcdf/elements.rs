@@ -6,6 +6,7 @@
 //! Model*, SAND92-2137, and its later tables of elements).
 
 use crate::data::cells::CellKind;
+use crate::io::grid::orders::{HEXAHEDRON_20, WEDGE_15, WEDGE_18};
 
 /// A type of elements: the kind of its cells, and the order in which a cell takes the element's nodes.
 pub(super) struct Element {
@@ -16,16 +17,11 @@ pub(super) struct Element {
 
 const FIRST_15: &[u8] = &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14];
 
-const HEXAHEDRON_20: &[u8] = &[
-    0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 16, 17, 18, 19, 12, 13, 14, 15,
-];
 /// After its edges Exodus has the centre, then bottom, top, left, right, front and back.
 const HEXAHEDRON_27: &[u8] = &[
     0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 16, 17, 18, 19, 12, 13, 14, 15, 23, 24, 25, 26, 21, 22,
     20,
 ];
-const WEDGE_15: &[u8] = &[0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 13, 14, 9, 10, 11];
-const WEDGE_18: &[u8] = &[0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 13, 14, 9, 10, 11, 15, 16, 17];
 
 /// The element type with this name and number of nodes; `None` if it is not known.
 pub(super) fn element(name: &str, nodes: usize) -> Option<Element> {

@@ -21,13 +21,10 @@ use roxmltree::Node;
 use super::document::{Xml, attribute, is, text};
 use crate::error::Result;
 use crate::io::bytes::file::Input;
-use crate::io::bytes::scalars::{
-    Encoding, NotIntegers, ScalarType, Stride, doubles, integers, values,
-};
+use crate::io::bytes::scalars::{Encoding, NotIntegers, ScalarType, integers};
 use crate::io::grid::budget::Budget;
 use crate::io::particles::hdf5::arrays::{ArrayFile, Selected, ShapedArray};
 use crate::io::volume::voxels::beside_as;
-use crate::scene::Values;
 
 /// Most items within one another.
 const MOST_DEPTH: usize = 8;
@@ -376,12 +373,7 @@ impl<'a> Items<'a> {
         whole: &ShapedArray,
         part: &[Selected],
     ) -> Result<ShapedArray> {
-        let fits = |(own, all): (&Selected, &usize)| {
-            let last = own.count.saturating_sub(1).checked_mul(own.step);
-            let last = last.and_then(|last| last.checked_add(own.start));
-            own.count == 0 || own.step > 0 && last.is_some_and(|last| last < *all)
-        };
-        if part.len() != whole.dims.len() || !part.iter().zip(&whole.dims).all(fits) {
+        if !Selected::fit(part, &whole.dims) {
             let found: Vec<[usize; 3]> = part.iter().map(|s| [s.start, s.step, s.count]).collect();
             let expected = format!("a part of {:?}", whole.dims);
             return Err(self.xml.fault(node, expected, format!("{found:?}")));
@@ -473,7 +465,7 @@ impl<'a> Items<'a> {
             Err(NotIntegers::Refused(_, number)) => return Err(fault(number.to_string())),
             Err(NotIntegers::Fractions) => {}
         }
-        let numbers = numbers(array, 0, 1);
+        let numbers = array.numbers(0, 1);
         let integer = |x: &f64| {
             let is_whole = x.fract() == 0.0 && x.abs() < 1e15;
             #[expect(
@@ -490,24 +482,4 @@ impl<'a> Items<'a> {
 
 fn is_float(scalar: ScalarType) -> bool {
     matches!(scalar, ScalarType::F16 | ScalarType::F32 | ScalarType::F64)
-}
-
-fn stride(array: &ShapedArray, component: usize, of: usize) -> Stride {
-    let size = array.encoding.scalar.size();
-    Stride {
-        first: component * size,
-        step: of * size,
-        count: array.bytes.len() / size / of.max(1),
-    }
-}
-
-/// Returns one component of `of` in double precision.
-pub(super) fn numbers(array: &ShapedArray, component: usize, of: usize) -> Vec<f64> {
-    doubles(&array.bytes, array.encoding, stride(array, component, of)).unwrap_or_default()
-}
-
-/// Returns one component of `of` as values of a field.
-pub(super) fn component(array: &ShapedArray, component: usize, of: usize) -> Values {
-    let own = values(&array.bytes, array.encoding, stride(array, component, of));
-    own.unwrap_or(Values::U8(Vec::new()))
 }

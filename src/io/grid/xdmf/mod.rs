@@ -21,7 +21,7 @@ use glam::DVec3;
 use roxmltree::{Node, NodeId};
 
 use self::document::{Xml, attribute, is};
-use self::item::{Items, component, numbers};
+use self::item::Items;
 use self::topology::Topology;
 use super::highest::keep_highest;
 use super::zones::{Shape, Zone, joined};
@@ -252,7 +252,7 @@ impl<'a> File<'a> {
             return Ok(Vec::new());
         }
         let array = self.items.only(time)?;
-        let stated = numbers(&array, 0, 1);
+        let stated = array.numbers(0, 1);
         match (kind.to_ascii_lowercase().as_str(), stated.as_slice()) {
             ("list", _) => Ok(stated),
             ("hyperslab", [start, stride, ..]) => {
@@ -367,7 +367,7 @@ impl<'a> File<'a> {
             return Ok(None);
         }
         let mut values: Vec<_> = (0..components)
-            .map(|i| component(&array, i, components))
+            .map(|i| array.values(i, components))
             .collect();
         Ok(Some(Field {
             name,
@@ -442,7 +442,7 @@ impl<'a> File<'a> {
         let items = self.items.of(geometry)?;
         let mut stated = Vec::new();
         for item in items {
-            stated.push(numbers(&self.items.read(item, 0)?, 0, 1));
+            stated.push(self.items.read(item, 0)?.numbers(0, 1));
         }
         // Both name the slowest axis first.
         let turned = |numbers: &[f64], absent: f64| match numbers {
@@ -473,7 +473,7 @@ impl<'a> File<'a> {
         self.check_count(geometry, count)?;
         let mut axes = Vec::new();
         for item in self.items.of(geometry)? {
-            axes.push(numbers(&self.items.read(item, 0)?, 0, 1));
+            axes.push(self.items.read(item, 0)?.numbers(0, 1));
         }
         if axes.len() == 2 && dims[2] == 1 {
             axes.push(vec![0.0]);
@@ -523,7 +523,7 @@ impl<'a> File<'a> {
                 return Err(xml.fault(geometry, expected, format!("{count} in all")));
             }
             self.items.budget.spend(Xml::place(geometry), count, 8)?;
-            per_axis((0..axes).map(|axis| numbers(array, axis, axes)).collect())
+            per_axis((0..axes).map(|axis| array.numbers(axis, axes)).collect())
         };
         match places {
             "XYZ" => together(&self.items.only(geometry)?, 3),
@@ -531,7 +531,7 @@ impl<'a> File<'a> {
             "X_Y_Z" | "X_Y" => {
                 let mut axes = Vec::new();
                 for item in self.items.of(geometry)? {
-                    axes.push(numbers(&self.items.read(item, 0)?, 0, 1));
+                    axes.push(self.items.read(item, 0)?.numbers(0, 1));
                 }
                 if axes.len() != places.len().div_ceil(2) {
                     let expected = "an item for each axis";

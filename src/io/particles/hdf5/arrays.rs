@@ -7,9 +7,10 @@ use super::file::{SnapshotFile, broken, selected_bytes};
 use super::layout::{Layout, NotRead};
 use crate::error::{Error, Result};
 use crate::io::bytes::file::Input;
-use crate::io::bytes::scalars::Encoding;
+use crate::io::bytes::scalars::{Encoding, Stride, doubles, values};
 use crate::io::vtk::xml::clip;
 use crate::memory::check_room;
+use crate::scene::Values;
 
 /// Greatest total size of the arrays that are read, as a multiple of the file's length.
 const MOST_INFLATION: &str = "arrays of at most 32 times the file's bytes in all";
@@ -22,6 +23,28 @@ pub(in crate::io) struct ShapedArray {
     pub(in crate::io) bytes: Vec<u8>,
 }
 
+impl ShapedArray {
+    fn stride(&self, component: usize, of: usize) -> Stride {
+        let size = self.encoding.scalar.size();
+        Stride {
+            first: component * size,
+            step: of * size,
+            count: self.bytes.len() / size / of.max(1),
+        }
+    }
+
+    /// Returns one component of `of` in double precision.
+    pub(in crate::io) fn numbers(&self, component: usize, of: usize) -> Vec<f64> {
+        doubles(&self.bytes, self.encoding, self.stride(component, of)).unwrap_or_default()
+    }
+
+    /// Returns one component of `of` as values of a field.
+    pub(in crate::io) fn values(&self, component: usize, of: usize) -> Values {
+        let own = values(&self.bytes, self.encoding, self.stride(component, of));
+        own.unwrap_or(Values::U8(Vec::new()))
+    }
+}
+
 /// A part of a dimension: every `step`-th of its entries from `start` on, `count` of them.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::io) struct Selected {
@@ -30,12 +53,26 @@ pub(in crate::io) struct Selected {
     pub(in crate::io) count: usize,
 }
 
+impl Selected {
+    /// Returns whether there is a part of each dimension, and within it.
+    pub(in crate::io) fn fit(part: &[Self], dims: &[usize]) -> bool {
+        let fits = |(own, all): (&Self, &usize)| {
+            let last = own.count.saturating_sub(1).checked_mul(own.step);
+            let last = last.and_then(|last| last.checked_add(own.start));
+            own.count == 0 || own.step > 0 && last.is_some_and(|last| last < *all)
+        };
+        part.len() == dims.len() && part.iter().zip(dims).all(fits)
+    }
+}
+
 /// An open HDF5 file, of which arrays are read by name.
 pub(in crate::io) struct ArrayFile<'a> {
     file: SnapshotFile<'a>,
 }
 
 impl<'a> ArrayFile<'a> {
+    /// Opens a file.
+    ///
     /// # Errors
     /// The file cannot be read, or is damaged.
     pub(in crate::io) fn open(input: Input<'a>) -> Result<Self> {
@@ -121,12 +158,7 @@ impl<'a> ArrayFile<'a> {
         let dims: Vec<usize> = match part {
             None => shape.clone(),
             Some(part) => {
-                let fits = |(own, all): (&Selected, &usize)| {
-                    let last = own.count.saturating_sub(1).checked_mul(own.step.max(1));
-                    let last = last.and_then(|last| last.checked_add(own.start));
-                    own.count == 0 || own.step > 0 && last.is_some_and(|last| last < *all)
-                };
-                if part.len() != shape.len() || !part.iter().zip(&shape).all(fits) {
+                if !Selected::fit(part, &shape) {
                     let expected = format!("a part of {shape:?}");
                     let found: Vec<[usize; 3]> =
                         part.iter().map(|s| [s.start, s.step, s.count]).collect();
