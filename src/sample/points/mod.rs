@@ -40,7 +40,8 @@ use crate::math::ExactSum;
 use crate::sample::field::field_choice::FieldChoice;
 use crate::sample::function::{keep, under_function};
 #[cfg(feature = "prepared")]
-use crate::sample::options::{MeanPart, ParticleShape, SampleOptions, TransferChoice};
+use crate::sample::options::ParticleShape;
+use crate::sample::options::{MeanPart, SampleOptions, TransferChoice};
 use crate::sample::positions::{index_u32, mean_spacing};
 use crate::sample::report::SampleReport;
 use crate::sample::sampled::Sampled;
