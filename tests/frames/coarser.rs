@@ -11,7 +11,7 @@ use crate::common::some;
 use crate::promise::differences;
 use ewa_splat::image::Image;
 use ewa_splat::math::normal_code;
-use ewa_splat::render::{Advanced, Backend, Classification};
+use ewa_splat::render::{Advanced, Classification};
 use ewa_splat::scene::{Boundary, Lattice, Lighting, PointVolume, TransferFunction, Values};
 use ewa_splat::view::{Camera, ClipPlane};
 use ewa_splat::{Composite, Renderer, SceneOptions, Settings};
@@ -76,6 +76,7 @@ fn normals_of(field: impl Fn(DVec3) -> f64, turned: impl Fn(DVec3, DVec3) -> DVe
 }
 
 /// Returns the smooth field with normals.
+#[cfg(feature = "gpu")]
 fn smooth_with_normals() -> PointVolume {
     PointVolume {
         normals: Some(normals_of(blobs, |_, normal| normal)),
@@ -336,6 +337,7 @@ fn frames_that_need_samples_have_them() {
 #[cfg(feature = "gpu")]
 fn both_back_ends_draw_the_same_level() {
     use crate::common::gpu::{gpu, rounding};
+    use ewa_splat::render::Backend;
     let Some(gpu) = gpu() else { return };
     let unlit = at(1.0 / 16.0);
     let lit = Settings {

@@ -5,11 +5,14 @@
     reason = "inputs are narrowed on purpose; a test fails by panicking"
 )]
 
-use super::column_scenes::{masses, mixed, orthographic, spheres};
+#[cfg(feature = "gpu")]
+use super::column_scenes::mixed;
+use super::column_scenes::{masses, orthographic, spheres};
 use crate::common::Random;
-use crate::common::gpu::gpu;
 use ewa_splat::io::SphKernel;
+#[cfg(feature = "gpu")]
 use ewa_splat::render::SimdLevel;
+#[cfg(feature = "gpu")]
 use ewa_splat::view::ClipPlane;
 use ewa_splat::{ColumnImage, ColumnSettings, Renderer};
 use glam::DVec3;
@@ -234,8 +237,10 @@ fn other_shapes_are_refused() {
 }
 
 /// The CPU uses no fused operations, as the device uses none; a clip plane cuts some kernels.
+#[cfg(feature = "gpu")]
 #[test]
 fn both_back_ends_draw_the_same_kernels() {
+    use crate::common::gpu::gpu;
     let Some(gpu) = gpu() else { return };
     let mut random = Random::new(8);
     let settings = ColumnSettings {
@@ -283,8 +288,10 @@ fn both_back_ends_draw_the_same_kernels() {
 }
 
 /// Software adapters end loops early, so that lists are drawn in slices.
+#[cfg(feature = "gpu")]
 #[test]
 fn crowded_pixels_are_summed_whole_on_the_gpu() {
+    use crate::common::gpu::gpu;
     let Some(gpu) = gpu() else { return };
     let count = 4000;
     let positions = vec![DVec3::new(0.2, 0.1, 0.0); count];
