@@ -155,17 +155,16 @@ class Camera:
         Parameters
         ----------
         camera_position
-            ``plotter.camera_position``, (position, focal point, view up); or ``plotter.camera``, which also has an angle
-            and a projection.
+            ``plotter.camera_position``, (position, focal point, view up); or ``plotter.camera`` or another `vtkCamera`,
+            which also have an angle and a projection. `ewa_splat.vtk.camera_of` knows a window's shifts, too.
         view_angle
             The vertical field of view, degrees; VTK's default is 30.
         """
         if hasattr(camera_position, "parallel_projection"):
             camera = camera_position
             scale = 2.0 * float(camera.parallel_scale) if camera.parallel_projection else None
-            return cls.look_at(
-                camera.position, camera.focal_point, camera.up, fov=float(camera.view_angle), ortho_height=scale
-            )
+            up = camera.up if hasattr(camera, "up") else camera.view_up
+            return cls.look_at(camera.position, camera.focal_point, up, fov=float(camera.view_angle), ortho_height=scale)
         position, focal_point, up = list(camera_position)
         return cls.look_at(position, focal_point, up, fov=view_angle)
 
@@ -175,8 +174,8 @@ class Camera:
         Parameters
         ----------
         camera
-            ``plotter.camera``, if it is to be set: position, direction up, and the angle or the parallel projection with
-            its scale.
+            ``plotter.camera`` or another `vtkCamera`, if it is to be set: position, direction up, the angle or the
+            parallel projection with its scale, and the picture's middle.
 
         Raises
         ------
@@ -185,6 +184,7 @@ class Camera:
         """
         view = self._view
         scale = angle = None
+        middle = (0.0, 0.0)
         if view["kind"] == "look_at":
             place = [tuple(view["eye"]), tuple(view["target"]), tuple(view["up"])]
             if view.get("ortho_height") is not None:
@@ -199,10 +199,17 @@ class Camera:
             if view.get("orthographic"):
                 scale = half
             angle = math.degrees(2.0 * math.atan(half))
+            size, centre = view["size"], view.get("centre_px")
+            if centre is not None:
+                middle = (1.0 - 2.0 * centre[0] / size[0], 2.0 * centre[1] / size[1] - 1.0)
         else:
             raise ValueError("camera: expected one with a place, found one that is fitted to data; take Image.camera")
         if camera is not None:
-            camera.position, camera.focal_point, camera.up = place
+            camera.position, camera.focal_point = place[:2]
+            # A bare `vtkCamera` takes any attribute, and has another name for this one.
+            setattr(camera, "up" if hasattr(camera, "up") else "view_up", place[2])
+            if hasattr(camera, "SetWindowCenter"):
+                camera.SetWindowCenter(*middle)
             camera.parallel_projection = scale is not None
             if scale is None:
                 camera.view_angle = angle
