@@ -37,7 +37,7 @@ override SLICE: u32 = 0xffffffffu;
 // The band's pixels, in the layout of the file that accumulates them.
 @group(0) @binding(7) var<storage, read_write> pixels: array<f32>;
 @group(0) @binding(8) var<storage, read_write> progress: array<TileProgress>;
-// Binding 9 belongs to interval/cut.wgsl, 10 and 11 to classify/slab.wgsl.
+// Binding 9 belongs to interval/cut.wgsl or evaluate/surfel.wgsl, 10 and 11 to classify/slab.wgsl.
 
 var<workgroup> batch_terms: array<Terms, TERMINATION_INTERVAL>;
 var<workgroup> begun: TileBegun;

@@ -108,6 +108,26 @@ impl Image {
         }
     }
 
+    /// Draws another image of the same size behind this one: both premultiplied and linear.
+    ///
+    /// - `in_codes`: whether to composite sRGB codes, straight ones times the opacity.
+    pub(crate) fn lay_on(&mut self, behind: &Self, in_codes: bool) {
+        for (front, behind) in self.pixels.iter_mut().zip(&behind.pixels) {
+            let [mut a, b] = [*front, *behind].map(|pixel| match in_codes {
+                true => of_straight(pixel, srgb_from_linear),
+                false => pixel,
+            });
+            let through = 1.0 - a[3];
+            for (channel, under) in a.iter_mut().zip(b) {
+                *channel += through * under;
+            }
+            *front = match in_codes {
+                true => of_straight(a, linear_from_srgb),
+                false => a,
+            };
+        }
+    }
+
     /// Makes a transparent black image.
     pub fn new(width: usize, height: usize) -> Self {
         Self {
@@ -137,6 +157,13 @@ impl Image {
         };
         self.pixels.iter().flat_map(of_pixel).collect()
     }
+}
+
+/// Applies a curve to the straight colour of a premultiplied pixel. A pixel without opacity adds nothing, or light.
+pub(crate) fn of_straight([r, g, b, a]: [f32; 4], curve: impl Fn(f32) -> f32) -> [f32; 4] {
+    let share = if a > 0.0 { a } else { 1.0 };
+    let [r, g, b] = [r, g, b].map(|c| share * curve(c / share));
+    [r, g, b, a]
 }
 
 /// Composites a pixel over a background.

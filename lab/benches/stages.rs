@@ -152,6 +152,7 @@ fn stages(c: &mut Criterion) {
                 ..Axes::default()
             },
             level: frame.settings.advanced.simd,
+            ends: None,
             task: None,
         };
         let mut draw = || {

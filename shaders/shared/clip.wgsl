@@ -25,6 +25,11 @@ fn clip_span(view: ViewUniform, pixel: vec2<f32>) -> vec2<f32> {
             to_depth = -LARGEST;
         }
     }
+    return span_of(from_depth, to_depth);
+}
+
+// Returns the part of a ray between two depths; from LARGEST to LARGEST if there is none.
+fn span_of(from_depth: f32, to_depth: f32) -> vec2<f32> {
     if from_depth < to_depth {
         return vec2<f32>(from_depth, to_depth);
     }

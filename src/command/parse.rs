@@ -329,6 +329,15 @@ pub(crate) fn thresholds(text: &str) -> Result<[f32; 2], String> {
     }
 }
 
+/// Parses `NEAR,FAR`: distances of two planes.
+pub(crate) fn near_and_far(text: &str) -> Result<[f64; 2], String> {
+    let parsed: Result<Vec<f64>, _> = text.split(',').map(|t| t.trim().parse()).collect();
+    match parsed.ok().and_then(|v| <[f64; 2]>::try_from(v).ok()) {
+        Some([near, far]) if near < far && far.is_finite() && near.is_finite() => Ok([near, far]),
+        _ => Err("two numbers, the second greater, such as 0.1,100".into()),
+    }
+}
+
 /// Parses `NAME` or `NAME,F`: a field by which points are moved, and its factor.
 pub(crate) fn displacement(text: &str) -> Result<Displacement, String> {
     let (field, factor) = match text.rsplit_once(',') {

@@ -5,7 +5,7 @@ use std::ffi::OsString;
 use crate::reference::{DataIntegrator, Integrator, ReferenceFrame, ReferenceSettings};
 use crate::scene::{Classification, PointVolume};
 use crate::view::{Camera, ClipPlane};
-use crate::{Error, Result};
+use crate::{DepthImage, Error, Result};
 use clap::ValueEnum;
 
 use super::input::DataOptions;
@@ -100,6 +100,13 @@ impl Truth {
         match self {
             Self::Kernels(integrator) => Self::Kernels(integrator.clipped(planes)),
             Self::Data(integrator) => Self::Data(Box::new(integrator.clipped(planes))),
+        }
+    }
+
+    pub(crate) fn ended(self, depth: &DepthImage) -> Self {
+        match self {
+            Self::Kernels(integrator) => Self::Kernels(integrator.ended(depth.clone())),
+            Self::Data(integrator) => Self::Data(Box::new(integrator.ended(depth.clone()))),
         }
     }
 

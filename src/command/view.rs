@@ -23,7 +23,7 @@ use crate::{Backend, Error, Renderer, Result, Settings, Task};
 const PROGRAM: &str = "ewa-splat-view";
 
 /// Identifiers of the options of `render` that write files, or that the window does not have.
-const OF_FILES: [&str; 19] = [
+const OF_FILES: [&str; 23] = [
     "out",
     "stats",
     "depth",
@@ -43,6 +43,10 @@ const OF_FILES: [&str; 19] = [
     "scale_bar",
     "title",
     "time_stamp",
+    "depth_in",
+    "depth_in_is",
+    "depth_in_range",
+    "background_image",
 ];
 
 #[derive(Args)]

@@ -516,6 +516,7 @@ impl CpuFrames {
             RasteriseSettings {
                 axes: pass.axes,
                 level: plan.simd,
+                ends: plan.ends.as_ref(),
                 task: plan.task.as_ref(),
             },
             &self.footprints,
@@ -543,6 +544,7 @@ impl CpuFrames {
                 ..pass.axes
             },
             level: plan.simd,
+            ends: plan.ends.as_ref(),
             task: plan.task.as_ref(),
         };
         let post = scene.carried().map(|transfer| PostClassification {

@@ -5,7 +5,9 @@ use rayon::prelude::*;
 
 use super::tile::{NormalTile, Tile};
 use crate::constants::TILE_SIZE;
-use crate::image::{DepthImage, Image, NormalImage, linear_from_srgb, over, srgb_from_linear};
+use crate::image::{
+    DepthImage, Image, NormalImage, linear_from_srgb, of_straight, over, srgb_from_linear,
+};
 use crate::view::Camera;
 
 /// Writes the tiles' pixels, over a background if there is one, into an image of the right size.
@@ -40,19 +42,11 @@ pub fn resolve(tiles: &[Tile], background: Option<[f32; 3]>, is_encoded: bool, i
                         *pixel = over(*pixel, background);
                     }
                     if is_encoded {
-                        *pixel = decoded(*pixel);
+                        *pixel = of_straight(*pixel, linear_from_srgb);
                     }
                 }
             }
         });
-}
-
-/// Converts a pixel of codes times opacity to linear light times opacity.
-fn decoded([r, g, b, a]: [f32; 4]) -> [f32; 4] {
-    // A pixel without opacity adds nothing.
-    let share = if a > 0.0 { a } else { 1.0 };
-    let [r, g, b] = [r, g, b].map(|c| share * linear_from_srgb(c / share));
-    [r, g, b, a]
 }
 
 /// Writes the tiles' depths into an image of the right size.

@@ -44,6 +44,20 @@ pub(crate) fn check(camera: &Camera, settings: &Settings) -> Result<()> {
         let found = format!("{background:?}");
         return refuse("background", "three finite numbers", found);
     }
+    if let Some(backdrop) = &settings.backdrop {
+        let depth = backdrop.depth();
+        if [depth.width, depth.height] != [camera.width, camera.height] {
+            let expected = format!(
+                "{} x {} pixels, as the picture",
+                camera.width, camera.height
+            );
+            return refuse(
+                "backdrop",
+                &expected,
+                format!("{} x {}", depth.width, depth.height),
+            );
+        }
+    }
     if let Some(lighting) = &settings.lighting {
         lighting.validate()?;
     }

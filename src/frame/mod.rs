@@ -1,5 +1,6 @@
 //! Defines a frame: settings, checks, the plan that both back ends read, uniforms, and the trait of a back end.
 
+pub(crate) mod backdrop;
 pub(crate) mod backend;
 pub(crate) mod check;
 pub(crate) mod plan;

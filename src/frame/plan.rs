@@ -3,6 +3,7 @@
 //! The plan is made once, from scene, camera and settings. Both back ends follow it and repeat none of
 //! its decisions.
 
+use super::backdrop::RayEnds;
 use super::settings::{Blend, ColumnSettings, Composite, Order, Settings, Show};
 use super::uniforms::{choice_uniform, cull_planes, frustum, lighting_uniform, view_uniform};
 use crate::blocks::{
@@ -88,6 +89,8 @@ pub(crate) struct FramePlan {
     pub(crate) background: Option<[f32; 3]>,
     /// True if colours are composited as sRGB codes, and decoded afterwards.
     pub(crate) is_encoded: bool,
+    /// Depths at which rays end, if any do.
+    pub(crate) ends: Option<RayEnds>,
     /// True if depths are written.
     pub(crate) depth: bool,
     /// True if normals of opaque surfaces are wanted.
@@ -132,6 +135,7 @@ impl FramePlan {
             depth: settings.depth,
             normals: settings.normals,
             count: settings.show == Show::Count,
+            ends: settings.backdrop.is_some(),
             ..Axes::default()
         };
         let planes = !settings.clip.is_empty();
@@ -175,7 +179,7 @@ impl FramePlan {
                 axes: Axes {
                     may_be_exact: may_be_exact(camera, settings.filter)
                         && !scene.volumes().iter().all(BlockedVolume::is_of_splats),
-                    interval: match (surfaces > 0, planes) {
+                    interval: match (surfaces > 0, planes || shared.ends) {
                         (true, _) => Interval::Surface,
                         (false, true) => Interval::Planes,
                         (false, false) => Interval::All,
@@ -218,6 +222,7 @@ impl FramePlan {
             lighting,
             background: settings.shown_background(),
             is_encoded,
+            ends: settings.backdrop.as_ref().map(RayEnds::of),
             depth: settings.depth,
             normals: settings.normals,
             tiles: None,
@@ -282,6 +287,7 @@ impl FramePlan {
             lighting: None,
             background: None,
             is_encoded: false,
+            ends: None,
             depth: false,
             normals: false,
             tiles: None,

@@ -1,7 +1,10 @@
 //! Defines the caller's settings of a frame.
 
+use std::sync::Arc;
+
 use glam::DVec3;
 
+use super::backdrop::Backdrop;
 use crate::constants::{COLUMN_CUTOFF, DEFAULT_LOW_PASS_VARIANCE_PX2, DEFAULT_TOLERANCE};
 use crate::data::smoothing::SphKernel;
 use crate::scene::{Classification, Lighting};
@@ -39,6 +42,8 @@ pub struct Settings {
     pub order: Order,
     /// Linear RGB of the background; `None` leaves the image transparent.
     pub background: Option<[f32; 3]>,
+    /// What stands in the picture already: depths at which rays end, and colours in front of [`Self::background`].
+    pub backdrop: Option<Arc<Backdrop>>,
     /// True if to return a depth image.
     pub depth: bool,
     /// True if to return the normals of opaque surfels.
@@ -120,6 +125,7 @@ impl Default for Settings {
             blend: Blend::Auto,
             order: Order::Auto,
             background: None,
+            backdrop: None,
             depth: false,
             normals: false,
             lighting: None,

@@ -159,6 +159,10 @@ impl Region {
         Ok(FramePlan {
             tiles: Some(self.tiles_of_samples()),
             background: picture.background,
+            ends: picture
+                .ends
+                .as_ref()
+                .map(|ends| ends.part(self.first, SAMPLES)),
             ..FramePlan::new(scene, &finer, &settings)?
         })
     }

@@ -336,7 +336,7 @@ impl Frame {
         let background = Background::new(plan.background, plan.is_encoded, pixels);
         gpu.write(&self.background, bytemuck::bytes_of(&background));
         for pass in &self.passes {
-            pass.draw_band(gpu, timer, band);
+            pass.draw_band(gpu, timer, plan, band);
         }
         let mut encoder = gpu.encoder();
         self.encode_band_end(&mut encoder, timer, plan, &background);

@@ -128,14 +128,19 @@ impl Gpu {
         Ok(buffer)
     }
 
-    /// Writes words at the beginning of a buffer; an incomplete last word is filled up with zeros.
+    /// Writes words at the beginning of a buffer: see [`Gpu::write_at`].
+    pub(super) fn write(&self, buffer: &wgpu::Buffer, bytes: &[u8]) {
+        self.write_at(buffer, 0, bytes);
+    }
+
+    /// Writes words from a byte of a buffer on; an incomplete last word is filled up with zeros.
     ///
     /// Large data are written in slices, and each is submitted before the next: pending writes occupy
     /// memory of their own.
-    pub(super) fn write(&self, buffer: &wgpu::Buffer, bytes: &[u8]) {
+    pub(super) fn write_at(&self, buffer: &wgpu::Buffer, first: u64, bytes: &[u8]) {
         /// A multiple of a word.
         const SLICE: usize = 1 << 26;
-        for (offset, slice) in (0..).step_by(SLICE).zip(bytes.chunks(SLICE)) {
+        for (offset, slice) in (first..).step_by(SLICE).zip(bytes.chunks(SLICE)) {
             let whole = slice.len() / 4 * 4;
             self.queue.write_buffer(buffer, offset, &slice[..whole]);
             if whole < slice.len() {

@@ -8,6 +8,7 @@ use super::device::Gpu;
 use super::kernel::{Access, Kernel};
 use super::resolve::{Background, Resolve};
 use super::shader::{DISPATCH, EXPONENTIAL, FLOATS, LIT, NORMAL, STRUCTS, Shader, TRANSFER};
+use super::surface::surface_words;
 use super::tile::{
     self, BoundTiles, TileBuffers, TileProgress, depth_of_word, longest, near_words, slice,
     upload_lists, word_of_depth,
@@ -183,6 +184,14 @@ impl RasterSpec {
         self.axes.interval == Interval::Surface
     }
 
+    /// Returns the words of each pixel before the depth at which its ray ends: those of the surface.
+    pub(super) fn words_before_ends(&self) -> u64 {
+        match self.has_surface() {
+            true => surface_words(self.axes.normals),
+            false => 0,
+        }
+    }
+
     /// Returns whether lighting needs the derivatives of layers.
     fn has_slopes(&self) -> bool {
         self.axes.classify == Classify::Slab { is_lit: true }
@@ -271,6 +280,8 @@ impl Rasterise {
         ];
         if axes.interval.is_cut() {
             constants.push(("HAS_SURFACE", flag(spec.has_surface())));
+            constants.push(("HAS_ENDS", flag(axes.ends)));
+            constants.push(("WORDS_BEFORE_ENDS", spec.words_before_ends() as f64));
         }
         if axes.accumulate == Accumulate::Column {
             bindings.push(Uniform);
@@ -293,7 +304,7 @@ impl Rasterise {
 
     /// Binds the rasteriser.
     ///
-    /// - `surface`: pixels of the opaque surface; any buffer if there is none.
+    /// - `surface`: pixels of the opaque surface, and depths at which rays end; any buffer if there are none.
     /// - `tables`: the profiles of the SPH kernel, for columns; the table of [`classes`] and lighting, if layers are classified.
     pub(super) fn bind<'a>(
         &self,

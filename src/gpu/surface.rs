@@ -43,15 +43,22 @@ pub struct SurfaceSpec {
     pub count: bool,
     /// True if clip planes cut surfels.
     pub clip: bool,
+    /// True if rays end at depths of the caller's.
+    pub ends: bool,
     /// True if the surface is the whole picture. If so, a pixel has a depth if the surface covers half of
     /// it. Among volumes it has a depth if the surface covers any part of it.
     pub is_picture: bool,
 }
 
+/// Returns the words of a surface's pixel before the depth at which its ray ends.
+pub(super) fn surface_words(normals: bool) -> u64 {
+    if normals { 8 } else { 5 }
+}
+
 impl SurfaceSpec {
-    /// Returns the words of a pixel: colour and coverage, depth, normal.
+    /// Returns the words of a pixel: colour and coverage, depth, normal, and the depth at which its ray ends.
     pub(super) fn pixel_words(&self) -> u64 {
-        if self.normals { 8 } else { 5 }
+        surface_words(self.normals) + u64::from(self.ends)
     }
 
     /// Returns the words of a pixel's layers, and of its count.
@@ -89,6 +96,7 @@ impl Surface {
             ("HAS_NORMALS", flag(spec.normals)),
             ("IS_COUNT", flag(spec.count)),
             ("IS_CUT", flag(spec.clip)),
+            ("HAS_ENDS", flag(spec.ends)),
             ("SLICE", f64::from(slice)),
             ("IS_PICTURE", flag(spec.is_picture)),
         ];
@@ -97,7 +105,7 @@ impl Surface {
             kernel: kernel(
                 "rasterise",
                 &[
-                    Uniform, Uniform, Write, Read, Read, Read, Read, Write, Write,
+                    Uniform, Uniform, Write, Read, Read, Read, Read, Write, Write, Read,
                 ],
             ),
             resolve: kernel("resolve_layers", &[Uniform, Uniform, Read, Write]),
@@ -109,14 +117,18 @@ impl Surface {
     ///
     /// - `layers`: buffer of [`SurfaceSpec::layer_words`] for each pixel of a band.
     /// - `pixels`: buffer of [`SurfaceSpec::pixel_words`] for each pixel of a band.
+    /// - `ends`: inverse depths at which the rays of a band end; any buffer if they do not.
     pub(super) fn bind(
         &self,
         gpu: &Gpu,
         b: &TileBuffers<'_>,
         layers: &wgpu::Buffer,
         pixels: &wgpu::Buffer,
+        ends: &wgpu::Buffer,
     ) -> BoundSurface {
-        let kernel = self.kernel.bind(gpu, &b.with(layers));
+        let mut buffers = b.with(layers).to_vec();
+        buffers.push(ends);
+        let kernel = self.kernel.bind(gpu, &buffers);
         BoundSurface {
             tiles: BoundTiles {
                 kernel,
@@ -180,6 +192,7 @@ pub fn rasterise_surface(
     let layers = gpu.buffer("layers", 4 * spec.layer_words() * count as u64)?;
     let words = count * spec.pixel_words() as usize;
     let pixels = gpu.buffer("pixels", 4 * words as u64)?;
+    let ends = gpu.buffer("no ends", 0)?;
     let progress = gpu.buffer(
         "tiles",
         lists.len() as u64 * size_of::<TileProgress>() as u64,
@@ -195,7 +208,7 @@ pub fn rasterise_surface(
             near: &near,
             progress: &progress,
         };
-        let bound = kernel.bind(gpu, &buffers, &layers, &pixels);
+        let bound = kernel.bind(gpu, &buffers, &layers, &pixels, &ends);
         gpu.run(|pass| {
             bound
                 .tiles

@@ -11,6 +11,8 @@ use crate::image::Image;
 use crate::measure::variants::accurate;
 use crate::render::{Renderer, Settings};
 use crate::view::Camera;
+use std::sync::Arc;
+
 use glam::{DVec2, DVec3};
 use serde::Serialize;
 
@@ -77,7 +79,8 @@ impl ErrorSample {
         };
         let mut tiles = Vec::new();
         for tile in chosen(camera, &renderer.visible_boxes()) {
-            let image = renderer.render(&window(camera, tile), &exact)?;
+            let (camera, exact) = window(camera, &exact, tile);
+            let image = renderer.render(&camera, &exact)?;
             tiles.push((tile, image.clone()));
         }
         Ok(Self {
@@ -114,7 +117,8 @@ impl ErrorSample {
         };
         let mut differences = Differences::default();
         for (tile, truth) in &self.tiles {
-            let image = renderer.render(&window(&self.camera, *tile), &settings)?;
+            let (camera, settings) = window(&self.camera, &settings, *tile);
+            let image = renderer.render(&camera, &settings)?;
             for (exact, drawn) in truth.pixels.iter().zip(&image.pixels) {
                 differences.add(*exact, *drawn);
             }
@@ -162,14 +166,21 @@ impl ErrorSample {
     }
 }
 
-/// Returns the camera of one tile of a picture.
-fn window(camera: &Camera, [x, y]: [usize; 2]) -> Camera {
-    Camera {
+/// Returns the camera and the settings of one tile of a picture.
+fn window(camera: &Camera, settings: &Settings, [x, y]: [usize; 2]) -> (Camera, Settings) {
+    let camera = Camera {
         centre_px: camera.centre_px - DVec2::new(x as f64, y as f64),
         width: TILE_SIZE.min(camera.width - x),
         height: TILE_SIZE.min(camera.height - y),
         ..camera.clone()
-    }
+    };
+    let backdrop = settings.backdrop.as_ref();
+    let part = backdrop.map(|all| Arc::new(all.part([x, y], [camera.width, camera.height])));
+    let settings = Settings {
+        backdrop: part,
+        ..settings.clone()
+    };
+    (camera, settings)
 }
 
 /// Returns the first pixels of the tiles of a sample.

@@ -67,6 +67,7 @@ use glam::DVec2;
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
+use crate::image::DepthImage;
 use crate::scene::{Classification, Colour, PointVolume, Strength};
 use crate::view::{Camera, ClipPlane};
 use kernel::{Kernel, Particle, Segment};
@@ -88,6 +89,8 @@ pub struct Integrator {
     particles: Vec<Particle>,
     /// Clip planes, world space.
     clip: Vec<ClipPlane>,
+    /// Depths at which rays end.
+    ends: Option<DepthImage>,
 }
 
 impl Integrator {
@@ -124,12 +127,19 @@ impl Integrator {
         Ok(Self {
             particles: kernel::particles(scene, classification),
             clip: Vec::new(),
+            ends: None,
         })
     }
 
     /// Adds clip planes that cut the scene.
     pub fn clipped(mut self, planes: &[ClipPlane]) -> Self {
         self.clip.extend_from_slice(planes);
+        self
+    }
+
+    /// Ends the rays through each pixel at its depth, as a [`Backdrop`](crate::render::Backdrop) does.
+    pub fn ended(mut self, depth: DepthImage) -> Self {
+        self.ends = Some(depth);
         self
     }
 
@@ -171,7 +181,7 @@ struct View<'a> {
 }
 
 impl<'a> View<'a> {
-    fn list(integrator: &Integrator, camera: &'a Camera, filter: PixelFilter, h2: f64) -> Self {
+    fn list(integrator: &'a Integrator, camera: &'a Camera, filter: PixelFilter, h2: f64) -> Self {
         let kernels: Vec<Kernel> = integrator
             .particles
             .iter()
@@ -180,7 +190,7 @@ impl<'a> View<'a> {
             .filter(|k| !integrator.clip.is_empty() || !k.is_turned_away(camera))
             .collect();
         Self {
-            sight: Sight::new(camera, &integrator.clip),
+            sight: Sight::new(camera, &integrator.clip).ended(integrator.ends.as_ref()),
             traversal: Traversal::of_all(kernels.len()),
             kernels,
         }
@@ -197,7 +207,7 @@ impl Rays for View<'_> {
     fn integrate(&self, pixel_px: DVec2, error: f64, scratch: &mut Scratch) -> RayIntegral {
         let (origin, direction) = self.sight.ray(pixel_px);
         scratch.segments.clear();
-        let Some([near, far]) = self.sight.span(origin, direction) else {
+        let Some([near, far]) = self.sight.span(pixel_px, origin, direction) else {
             return RayIntegral::default();
         };
         scratch.fragments.clear();

@@ -2,6 +2,7 @@
 
 use glam::{DVec2, DVec3};
 
+use crate::image::DepthImage;
 use crate::view::{Camera, ClipPlane, Projection};
 
 /// A camera and the clip planes.
@@ -9,13 +10,34 @@ pub(super) struct Sight<'a> {
     pub(super) camera: &'a Camera,
     /// Normals and distances of the clip planes, camera space.
     clip: Vec<(DVec3, f64)>,
+    /// Depths at which rays end.
+    ends: Option<&'a DepthImage>,
 }
 
 impl<'a> Sight<'a> {
     pub(super) fn new(camera: &'a Camera, planes: &[ClipPlane]) -> Self {
         let turn = |p: &ClipPlane| (camera.camera_from_world * p.normal, p.inside(camera.eye));
         let clip = planes.iter().map(turn).collect();
-        Self { camera, clip }
+        Self {
+            camera,
+            clip,
+            ends: None,
+        }
+    }
+
+    pub(super) fn ended(self, ends: Option<&'a DepthImage>) -> Self {
+        Self { ends, ..self }
+    }
+
+    /// Returns the arc length at which the ray through a place of the image ends.
+    fn end(&self, pixel_px: DVec2, direction: DVec3) -> f64 {
+        let at = |ends: &DepthImage| {
+            let [x, y] = pixel_px.to_array();
+            let is_inside = x >= 0.0 && x < ends.width as f64 && y >= 0.0 && y < ends.height as f64;
+            let depth = is_inside.then(|| ends.depths[y as usize * ends.width + x as usize]);
+            depth.map_or(f64::INFINITY, |z| f64::from(z) / direction.z)
+        };
+        self.ends.map_or(f64::INFINITY, at)
     }
 
     /// Returns origin and unit direction of the ray through a place of the image, camera space.
@@ -27,9 +49,15 @@ impl<'a> Sight<'a> {
         }
     }
 
-    /// Returns the depths between which a ray is visible; `None` if the planes leave nothing.
-    pub(super) fn span(&self, origin: DVec3, direction: DVec3) -> Option<[f64; 2]> {
+    /// Returns the depths between which the ray through a place of the image is visible; `None` if nothing is left.
+    pub(super) fn span(
+        &self,
+        pixel_px: DVec2,
+        origin: DVec3,
+        direction: DVec3,
+    ) -> Option<[f64; 2]> {
         let [near, far] = between(&self.clip, origin, direction, 0.0);
+        let far = far.min(self.end(pixel_px, direction));
         (near < far).then_some([near, far])
     }
 }

@@ -63,14 +63,14 @@ impl Renderer {
 
     async fn render_samples_async(&mut self, camera: &Camera, settings: &Settings) -> Result<()> {
         let mut plan = self.plan(camera, settings)?;
-        let background = self.take_background(&mut plan, settings);
+        let behind = self.take_background(&mut plan, settings);
         let mut report = self.draw_async(&plan).await?;
         for region in self.regions(&plan, settings)? {
             let finer = region.plan(&self.scene, &plan, settings)?;
             let samples = self.draw_async(&finer).await?;
             self.average(&region, &samples, &mut report);
         }
-        self.lay_over(background);
+        self.lay_over(&behind);
         self.drawn(&plan, report);
         Ok(())
     }
@@ -188,6 +188,19 @@ impl Renderer {
         settings: &Settings,
         texture: &wgpu::Texture,
     ) -> Result<()> {
+        if settings
+            .backdrop
+            .as_ref()
+            .is_some_and(|b| b.colours().is_some())
+        {
+            return Err(Error::invalid(
+                "settings",
+                "backdrop",
+                "depths alone, for a texture",
+                "colours",
+                "leave the colours out, and blend the texture over them",
+            ));
+        }
         let plan = self.plan(camera, settings)?;
         let device = self.device.as_mut().ok_or_else(no_device)?;
         let drawing = device.draw_to(&self.scene, &plan, &mut self.images, Some(texture));

@@ -96,7 +96,7 @@ impl Renderer {
             return Ok(0);
         };
         let mut key = settings.clone();
-        (key.task, key.background) = (None, None);
+        (key.task, key.background, key.backdrop) = (None, None, None);
         self.coarser.last = self.measured(key, zoom, bound, count)?.to_vec();
         self.coarser.time = stopwatch.lap();
         Ok(within(&self.coarser.last))

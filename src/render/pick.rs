@@ -42,8 +42,6 @@ impl Renderer {
     ///
     /// - `pixel`: column and row, from the top left.
     ///
-    /// - `pixel`: column and row, from the top left.
-    ///
     /// ```
     /// use ewa_splat::{SceneOptions, Renderer, Settings, scene::PointVolume, view::Camera};
     /// use glam::DVec3;
@@ -64,7 +62,6 @@ impl Renderer {
     /// The errors of [`Renderer::render`]; a pixel outside the image; slabs classified as a whole, whose
     /// particles have no contribution of their own; volumes of points without
     /// [`SceneOptions::keep_indices`](super::SceneOptions).
-    /// where no particle has a share of its own; volumes of points without [`SceneOptions::keep_indices`](super::SceneOptions).
     pub fn pick(
         &mut self,
         camera: &Camera,
@@ -116,7 +113,10 @@ impl Renderer {
             height: 1,
             ..camera.clone()
         };
-        let plan = FramePlan::new(&self.scene, &camera, &settings)?;
+        let plan = FramePlan {
+            ends: plan.ends.map(|ends| ends.part([x, y], 1)),
+            ..FramePlan::new(&self.scene, &camera, &settings)?
+        };
         let mut picked: Vec<Picked> = shares(&self.scene, &plan)?
             .into_iter()
             .filter_map(|found| {

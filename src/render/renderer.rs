@@ -1,5 +1,7 @@
 //! Draws frames of a scene, given a camera and settings.
 
+use std::sync::Arc;
+
 use super::options::{Contents, RendererOptions};
 use crate::blocks::{AmplitudeSummary, BlockedParticles, BlockedScene, BlockedVolume, Layers};
 use crate::collective::Collective;
@@ -8,12 +10,13 @@ use crate::constants::{
 };
 use crate::cpu::CpuFrames;
 use crate::error::Result;
+use crate::frame::backdrop::Backdrop;
 #[cfg(not(feature = "gpu"))]
 use crate::frame::backend::NoDevice as Device;
 use crate::frame::backend::{DrawFrames, Edit, FrameReport, Images, OpenBackend};
 use crate::frame::check::{check, check_scene};
 use crate::frame::plan::FramePlan;
-use crate::frame::settings::Settings;
+use crate::frame::settings::{Settings, Show};
 use crate::frame::supersample::{Region, choose, may_supersample, regions};
 #[cfg(feature = "gpu")]
 use crate::gpu::{DeviceScene as Device, Gpu};
@@ -359,14 +362,14 @@ impl Renderer {
     /// Draws a frame of this renderer's own samples.
     fn render_samples(&mut self, camera: &Camera, settings: &Settings) -> Result<()> {
         let mut plan = self.plan(camera, settings)?;
-        let background = self.take_background(&mut plan, settings);
+        let behind = self.take_background(&mut plan, settings);
         let mut report = self.draw(&plan)?;
         for region in self.regions(&plan, settings)? {
             let finer = region.plan(&self.scene, &plan, settings)?;
             let samples = self.draw(&finer)?;
             self.average(&region, &samples, &mut report);
         }
-        self.lay_over(background);
+        self.lay_over(&behind);
         self.drawn(&plan, report);
         Ok(())
     }
@@ -400,23 +403,25 @@ impl Renderer {
         may_supersample(&self.scene, settings)
     }
 
-    /// Takes the background out of a plan if tiles may be drawn again: they are chosen by opacities, which a
-    /// background hides. One that is blended in codes stays.
-    pub(super) fn take_background(
-        &self,
-        plan: &mut FramePlan,
-        settings: &Settings,
-    ) -> Option<[f32; 3]> {
-        let is_taken = self.may_sample_edges(settings) && !plan.is_encoded;
-        plan.background.take_if(|_| is_taken)
+    /// Takes the background out of a plan if there are colours in front of it, or if tiles may be drawn again: they
+    /// are chosen by opacities, which a background hides. Without colours, one that is blended in codes stays.
+    pub(super) fn take_background(&self, plan: &mut FramePlan, settings: &Settings) -> Behind {
+        let backdrop = settings
+            .backdrop
+            .as_ref()
+            .filter(|backdrop| backdrop.colours().is_some() && settings.show != Show::Count);
+        let is_taken = backdrop.is_some() || self.may_sample_edges(settings) && !plan.is_encoded;
+        Behind {
+            background: plan.background.take_if(|_| is_taken),
+            backdrop: backdrop.cloned(),
+            is_encoded: plan.is_encoded,
+        }
     }
 
-    /// Draws a background that was taken out of a plan behind the picture.
-    pub(super) fn lay_over(&mut self, background: Option<[f32; 3]>) {
-        if let Some(background) = background
-            && self.is_first()
-        {
-            self.images.image.lay_over(background);
+    /// Draws what was taken out of a plan behind the picture.
+    pub(super) fn lay_over(&mut self, behind: &Behind) {
+        if self.is_first() {
+            behind.lay_under(&mut self.images.image);
         }
     }
 
@@ -624,6 +629,30 @@ impl Renderer {
     /// Returns the volumes in blocks, each followed by its levels of detail.
     pub fn volumes(&self) -> &[BlockedVolume] {
         self.scene.volumes()
+    }
+}
+
+/// What stands behind a picture, and is drawn after it.
+pub(super) struct Behind {
+    background: Option<[f32; 3]>,
+    /// A backdrop with colours.
+    backdrop: Option<Arc<Backdrop>>,
+    /// True if the picture is composited in sRGB codes.
+    is_encoded: bool,
+}
+
+impl Behind {
+    fn lay_under(&self, image: &mut Image) {
+        let Some(colours) = self.backdrop.as_ref().and_then(|b| b.colours()) else {
+            if let Some(background) = self.background {
+                image.lay_over(background);
+            }
+            return;
+        };
+        match self.background {
+            Some(background) => image.lay_on(&colours.over(background), self.is_encoded),
+            None => image.lay_on(colours, self.is_encoded),
+        }
     }
 }
 

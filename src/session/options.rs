@@ -438,6 +438,7 @@ pub fn drawing<A: Arguments>(said: &mut A) -> Result<Drawing, A::Error> {
             )?
             .unwrap_or_default(),
             background: said.floats::<3>("background")?.map(|rgb| rgb.map(narrowed)),
+            backdrop: None,
             depth: said.flag("depth")?.unwrap_or(false),
             normals: said.flag("normals")?.unwrap_or(false),
             lighting,

@@ -17,7 +17,7 @@ pub enum Interval {
     /// The whole ray.
     #[default]
     All,
-    /// The part inside the clip planes.
+    /// The part inside the clip planes, and up to a depth of the caller's.
     Planes,
     /// The part inside the clip planes, if there are any, divided by an opaque surface. The part in front
     /// of the surface counts. If the surface covers the pixel only in part, the part behind it counts in
@@ -96,6 +96,8 @@ pub struct Axes {
     pub depth: bool,
     /// True if the normals of opaque surfaces are written.
     pub normals: bool,
+    /// True if rays end at depths of the caller's.
+    pub ends: bool,
     /// True if column sums draw SPH kernels in place of Gaussians.
     pub smooths: bool,
     /// True if pixels count the kernels that they evaluate within their cut-off, in all three colours,

@@ -672,6 +672,7 @@ pub mod frame {
             let settings = RasteriseSettings {
                 axes,
                 level: SimdLevel::Baseline,
+                ends: None,
                 task: None,
             };
             let splat_pixels = cpu::rasterise(

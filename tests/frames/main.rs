@@ -15,6 +15,7 @@ mod support;
 
 mod agreement;
 mod analytic_cases;
+mod backdrop;
 mod blocks;
 mod boundary;
 mod bounds;

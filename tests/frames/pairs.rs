@@ -7,14 +7,16 @@
     reason = "a test may panic, and its numbers are small"
 )]
 
+use std::sync::Arc;
+
 use ewa_splat::Filter;
 use ewa_splat::math::normal_code;
-use ewa_splat::render::{Advanced, SimdLevel};
+use ewa_splat::render::{Advanced, Backdrop, SimdLevel};
 use ewa_splat::scene::{
     Colour, Lattice, LatticeSpacing, Lighting, Particles, PointVolume, Strength, TransferFunction,
 };
 use ewa_splat::view::{Camera, ClipPlane, Projection};
-use ewa_splat::{Classification, Composite, Image, Renderer, Settings, Show};
+use ewa_splat::{Classification, Composite, DepthImage, Image, Renderer, Settings, Show};
 use glam::{DMat3, DVec3};
 
 use crate::common::scene::camera;
@@ -53,6 +55,22 @@ const BACKGROUND: [f32; 3] = [0.25, 0.5, 0.125];
 
 fn plane(normal: DVec3, distance: f64) -> Vec<ClipPlane> {
     vec![ClipPlane { normal, distance }]
+}
+
+/// Returns a plane that stands in the middle of the lattice, in the right half of the picture.
+fn halfway() -> Arc<Backdrop> {
+    let [width, height] = [24, 24];
+    let depth = |i: usize| match i % width < width / 2 {
+        true => f32::INFINITY,
+        false => 6.1,
+    };
+    let depths = (0..width * height).map(depth).collect();
+    let depth = DepthImage {
+        width,
+        height,
+        depths,
+    };
+    Arc::new(Backdrop::new(depth).unwrap())
 }
 
 /// Returns all settings that change the picture. Settings of one field are in one group and form no
@@ -153,6 +171,14 @@ fn settings() -> Vec<(&'static str, Vec<Setting>)> {
                     Law::LessOpaque,
                 ),
             ],
+        ),
+        (
+            "backdrop",
+            vec![one(
+                "ends of rays",
+                |s| s.backdrop = Some(halfway()),
+                Law::LessOpaque,
+            )],
         ),
         (
             "background",

@@ -486,6 +486,7 @@ fn rasterise(frame: &Frame, level: SimdLevel) -> (Image, Vec<f32>, u64) {
             ..Axes::default()
         },
         level,
+        ends: None,
         task: None,
     };
     let count = cpu::rasterise(

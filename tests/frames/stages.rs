@@ -431,6 +431,7 @@ fn without_cull(all: &[Particle], camera: &Camera, settings: &Settings) -> ewa_s
             ..Axes::default()
         },
         level: settings.advanced.simd,
+        ends: None,
         task: None,
     };
     rasterise(

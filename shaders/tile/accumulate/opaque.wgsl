@@ -194,7 +194,7 @@ fn draw(n: u32, own: TilePixel, ray: TileRay, hidden: u32) -> bool {
     if hidden > 0u && footprint.depth < number_of_word(hidden) {
         return false;
     }
-    let fragment = surfel(n, footprint, ray);
+    let fragment = surfel(n, footprint, ray, own.index);
     if fragment.exists {
         insert(fragment);
     }

@@ -10,6 +10,12 @@ override HAS_NORMALS: bool = false;
 // True if clip planes cut surfels.
 override IS_CUT: bool = false;
 
+// True if rays end at depths of the caller's.
+override HAS_ENDS: bool = false;
+
+// Inverse depths at which the rays of the band's pixels end: `of_surfels` in src/frame/backdrop.rs.
+@group(0) @binding(9) var<storage, read> ray_ends: array<f32>;
+
 var<workgroup> batch_normals: array<vec3<f32>, TERMINATION_INTERVAL>;
 
 fn prepare(n: u32, i: u32) {
@@ -107,7 +113,8 @@ fn meeting_of(n: u32, footprint: TileFootprint, ray: TileRay) -> Meeting {
     return meeting;
 }
 
-fn surfel(n: u32, footprint: TileFootprint, ray: TileRay) -> Fragment {
+// - `index`: the pixel's, in the band.
+fn surfel(n: u32, footprint: TileFootprint, ray: TileRay, index: u32) -> Fragment {
     var fragment: Fragment;
     var meeting: Meeting;
     if (footprint.path & 15u) == PATH_NEAR_SURFEL {
@@ -120,6 +127,12 @@ fn surfel(n: u32, footprint: TileFootprint, ray: TileRay) -> Fragment {
     let q = meeting.q;
     if !meeting.exists || !is_within(footprint, q) {
         return fragment;
+    }
+    // Phrased so that NaN is beyond.
+    if HAS_ENDS {
+        if !(!is_nan(meeting.inverse_depth) && meeting.inverse_depth > ray_ends[index]) {
+            return fragment;
+        }
     }
     var share = 1.0;
     if IS_CUT {

@@ -1,10 +1,16 @@
-// Interval: the part of a pixel's ray inside the clip planes, divided by an opaque surface if there is
-// one. Twin: src/cpu/tile/interval/cut.rs.
+// Interval: the part of a pixel's ray inside the clip planes and up to a depth of the caller's, divided by an
+// opaque surface if there is one. Twin: src/cpu/tile/interval/cut.rs.
 
 // True if opaque surfaces lie among the kernels.
 override HAS_SURFACE: bool = false;
 
-// The surface's pixels as surface.wgsl writes them: four floats each, then a depth each.
+// True if rays end at depths of the caller's.
+override HAS_ENDS: bool = false;
+// Words of the surface's pixels before the depths at which rays end.
+override WORDS_BEFORE_ENDS: u32 = 0u;
+
+// The surface's pixels as surface.wgsl writes them: four floats each, then a depth each. The depths at which
+// rays end follow its last words.
 @group(0) @binding(9) var<storage, read> surface: array<f32>;
 
 var<private> span: Span;
@@ -27,7 +33,13 @@ fn begin_interval_of_tile() {
 fn begin_interval(own: TilePixel, ray: TileRay) {
     span = WHOLE_SPAN;
     if own.is_pixel {
-        let clipped = clip_span(view, ray.pixel);
+        var clipped = clip_span(view, ray.pixel);
+        if HAS_ENDS {
+            let end = surface[WORDS_BEFORE_ENDS * band_pixels(chunk, view.size) + own.index];
+            if end != NO_DEPTH {
+                clipped = span_of(clipped.x, min(clipped.y, end));
+            }
+        }
         span = Span(clipped.x, clipped.y, clipped.y);
         if HAS_SURFACE {
             let covered = surface[4u * own.index + 3u];

@@ -30,6 +30,9 @@ impl Arguments {
         if is_first {
             self.check_outputs()?;
         }
+        if let Some(size) = self.backdrop.read()? {
+            self.size.get_or_insert(size);
+        }
         self.camera.read_file(self.size)?;
         if let Some(lighting) = self.lighting() {
             lighting.validate()?;

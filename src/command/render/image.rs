@@ -143,7 +143,7 @@ impl BlendOf {
 
     pub(super) fn note(&self) -> Option<&'static str> {
         self.gives_way.then_some(
-            "splats are composited in linear light, because not all that is shown are splats of sRGB codes; viewers              composite the codes, and so does --blend encoded",
+            "splats are composited in linear light, because not all that is shown are splats of sRGB codes; viewers composite the codes, and so does --blend encoded",
         )
     }
 }

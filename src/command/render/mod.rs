@@ -6,12 +6,14 @@
 //! | `settings.rs` | options as settings |
 //! | `check.rs` | refusals |
 //! | `scene.rs` | the scene, loaded and sorted into blocks |
+//! | `backdrop.rs` | what stands in the picture already |
 //! | `image.rs` | one picture |
 //! | `sequence.rs` | sequences of pictures |
 //! | `reference.rs` | the reference image |
 //! | `column.rs`, `column_mean.rs` | column densities, means along rays |
 //! | `count.rs` | counts of kernels in words |
 
+mod backdrop;
 mod check;
 mod column;
 mod column_mean;
@@ -33,8 +35,8 @@ use super::annotations::Overlays;
 use super::progress::{note, spinner, task_of};
 use super::ranks;
 use super::statistics::Prepared;
-use crate::Result;
 use crate::view::Camera;
+use crate::{Result, Settings};
 
 pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
     let begun = Instant::now();
@@ -112,9 +114,12 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
     let low_pass = arguments.method.low_pass.unwrap_or(suitable);
     if let Some(truth) = truth {
         progress.finish_and_clear();
-        return arguments.integrate(&truth, &camera, low_pass, &overlays, prepared);
+        return arguments.integrate(truth, &camera, low_pass, &overlays, prepared);
     }
-    let settings = arguments.settings(low_pass);
+    let settings = Settings {
+        backdrop: arguments.backdrop.backdrop(&camera)?,
+        ..arguments.settings(low_pass)
+    };
     let blend = blend_of(&renderer, &settings)?;
     if let Some(note) = blend.note().filter(|_| is_first) {
         progress.suspend(|| note!("{note}"));

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use super::backdrop::BackdropOptions;
 use crate::command::annotations::AnnotationOptions;
 use crate::command::cut::CutOptions;
 use crate::command::input::DataOptions;
@@ -59,6 +60,8 @@ pub(in crate::command) struct Arguments {
     pub(in crate::command) light: LightOptions,
     #[command(flatten)]
     pub(in crate::command) output: Output,
+    #[command(flatten)]
+    pub(in crate::command) backdrop: BackdropOptions,
     #[command(flatten)]
     pub(in crate::command) cut: CutOptions,
     #[command(flatten)]

@@ -17,25 +17,37 @@ impl Arguments {
     /// Writes the reference image, and adds its stated error to the statistics.
     pub(in crate::command) fn integrate(
         &self,
-        truth: &Truth,
+        truth: Truth,
         camera: &Camera,
         low_pass: f32,
         overlays: &Overlays,
         prepared: Prepared,
     ) -> Result<()> {
+        let backdrop = self.backdrop.backdrop(camera)?;
+        let colours = backdrop.as_ref().and_then(|backdrop| backdrop.colours());
+        let truth = match &backdrop {
+            Some(backdrop) => truth.ended(backdrop.depth()),
+            None => truth,
+        };
         let defaults = ReferenceSettings::default();
         let mut settings = ReferenceSettings {
             error: self.method.tolerance.map_or(defaults.error, f64::from),
             low_pass_variance_px2: low_pass.into(),
-            background: self.background(),
+            // Colours of a backdrop stand in front of it.
+            background: self.background().filter(|_| colours.is_none()),
             ..defaults
         };
         let start = Instant::now();
-        let frame = with_bar("integrating", |task| {
+        let mut frame = with_bar("integrating", |task| {
             settings.task = Some(task);
             truth.render(camera, &settings)
         })?;
         let frame_ms = start.elapsed().as_secs_f64() * 1e3;
+        if let Some(colours) = colours {
+            let behind = self.background();
+            let behind = behind.map_or_else(|| colours.clone(), |behind| colours.over(behind));
+            frame.image.lay_on(&behind, false);
+        }
         overlays.write(&self.out, &frame.image)?;
         if let Some(path) = &self.output.stats {
             let stats = json!({

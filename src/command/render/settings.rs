@@ -128,6 +128,7 @@ impl Arguments {
                 OrderName::Depth => Order::Depth,
             },
             background: self.background(),
+            backdrop: None,
             depth: self.output.depth.is_some(),
             normals: self.output.normals.is_some(),
             lighting: self.lighting(),

@@ -124,6 +124,11 @@ impl<'a, const SIZE: usize> TilePlace<'a, SIZE> {
         self.centre(i % SIZE, i / SIZE)
     }
 
+    /// Returns the column and the row of a pixel of the tile in the image.
+    pub(super) fn at(&self, i: usize) -> [usize; 2] {
+        [self.origin[0] + i % SIZE, self.origin[1] + i / SIZE]
+    }
+
     /// Returns the number of columns of the tile in the image.
     pub(super) fn width(&self) -> usize {
         (self.view.size[0] as usize)

@@ -40,7 +40,12 @@ pub fn rasterise(
     post: Option<PostClassification<'_>>,
     tiles: &mut [Tile],
 ) -> u64 {
-    let RasteriseSettings { axes, level, task } = settings;
+    let RasteriseSettings {
+        axes,
+        level,
+        ends,
+        task,
+    } = settings;
     let listed = bins.tiles();
     let stage = Stage::new(task, "drawing", listed.len());
     tiles[listed.clone()]
@@ -67,7 +72,7 @@ pub fn rasterise(
                 }
             }
             let rays = &*rays;
-            let cut = CutTile::new(&place, axes.depth, surface.get(t), behind, spans);
+            let cut = CutTile::new(&place, axes.depth, surface.get(t), ends, behind, spans);
             let mut drawing = if axes.accumulate == Accumulate::Over {
                 Drawing::Over(OverTile {
                     place,

@@ -1,5 +1,6 @@
 //! Defines the settings with which tiles are drawn.
 
+use crate::frame::backdrop::RayEnds;
 use crate::simd::SimdLevel;
 use crate::splat::Axes;
 use crate::task::Task;
@@ -11,6 +12,8 @@ pub struct RasteriseSettings<'a> {
     pub axes: Axes,
     /// The instruction set of the inner loop.
     pub level: SimdLevel,
+    /// Depths at which rays end, if the axes say so.
+    pub ends: Option<&'a RayEnds>,
     /// Receives the number of tiles drawn, and may end the drawing early.
     pub task: Option<&'a Task>,
 }

@@ -33,6 +33,16 @@ pub(super) enum BoundRaster {
     Volumes(BoundTiles, Option<BoundKernel>),
 }
 
+/// A buffer for the depths at which the rays of a band end.
+#[derive(Debug)]
+pub(super) struct EndBuffer {
+    pub(super) buffer: wgpu::Buffer,
+    /// Words of each of the band's pixels before the depths.
+    pub(super) words_before: u64,
+    /// True for depths as surfels state theirs.
+    pub(super) of_surfels: bool,
+}
+
 /// Word of a [`PartState`](crate::record::PartState) with the count that the projection reads.
 pub(super) const CLASSIFIED_COUNT: u32 =
     (std::mem::offset_of!(crate::record::PartState, classified_count) / 4) as u32;
@@ -61,6 +71,8 @@ pub(in crate::gpu) struct PassFrame {
     pub(super) drawn_tiles: Option<wgpu::Buffer>,
     pub(super) bin: BoundBin,
     pub(super) rasterise: BoundRaster,
+    /// Buffers for the depths at which rays end.
+    pub(super) ends: Vec<EndBuffer>,
     /// Table that classifies layers, if layers are classified.
     pub(super) classes: Option<wgpu::Buffer>,
     /// The frame's SPH kernel, of columns.
@@ -236,17 +248,34 @@ impl PassFrame {
             progress: &progress,
         };
         let pixels;
+        let mut ends = Vec::new();
         let rasterise = match raster {
             Raster::Surface(spec) => {
                 pixels = pixels_of("pixels of surfaces", spec.pixel_words())?;
                 let layers = pixels_of("layers of surfaces", spec.layer_words())?;
-                let bound = Surface::new(gpu, spec).bind(gpu, &of_tiles, &layers, &pixels);
+                let own = pixels_of("ends of rays", u64::from(spec.ends))?;
+                let bound = Surface::new(gpu, spec).bind(gpu, &of_tiles, &layers, &pixels, &own);
+                if spec.ends {
+                    ends.push(EndBuffer {
+                        buffer: own,
+                        words_before: 0,
+                        of_surfels: true,
+                    });
+                }
                 BoundRaster::Surface(bound)
             }
             Raster::Volumes(spec) => {
                 pixels = pixels_of("pixels", spec.pixel_words())?;
-                let none = gpu.buffer("no surface", 0)?;
-                let behind = surface.unwrap_or(&none);
+                let is_alone = spec.axes.ends && surface.is_none();
+                let own = pixels_of("ends of rays", u64::from(is_alone))?;
+                let behind = surface.unwrap_or(&own);
+                if spec.axes.ends {
+                    ends.push(EndBuffer {
+                        buffer: behind.clone(),
+                        words_before: spec.words_before_ends(),
+                        of_surfels: false,
+                    });
+                }
                 let rasterise = Rasterise::new(gpu, spec);
                 let mut tables: Vec<_> = profiles.iter().collect();
                 if let Some(classes) = &classes {
@@ -279,6 +308,7 @@ impl PassFrame {
             drawn_tiles,
             bin,
             rasterise,
+            ends,
             classes,
             profiles,
             pixels,

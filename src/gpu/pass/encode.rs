@@ -5,7 +5,9 @@ use wgpu::CommandEncoder;
 
 use super::bind::{BoundRaster, CLASSIFIED_COUNT, PassFrame};
 use super::report::{Seen, TileCounts};
+use crate::constants::TILE_SIZE;
 use crate::error::Result;
+use crate::frame::backdrop::{RayEnds, of_surfels};
 use crate::frame::plan::{Carries, FramePlan, PassPlan};
 use crate::gpu::classify::AmplitudeUniform;
 use crate::gpu::constants::PARTICLE_ARGUMENTS;
@@ -13,10 +15,12 @@ use crate::gpu::cull::camera_uniform;
 use crate::gpu::device::Gpu;
 use crate::gpu::rasterise::classes;
 use crate::gpu::resolve::Resolve;
+use crate::gpu::tile::word_of_depth;
 use crate::gpu::timer::{Stage, Timer};
 use crate::record::ChunkUniform;
 use crate::scene::TransferFunction;
 use crate::splat::Profiles;
+use crate::view::Projection;
 
 impl PassFrame {
     /// Submits the stages common to all bands: cull, classify, shade, project, sort.
@@ -61,8 +65,17 @@ impl PassFrame {
     }
 
     /// Submits the commands that draw a band's pixels.
-    pub(in crate::gpu) fn draw_band(&self, gpu: &Gpu, timer: &mut Timer, band: u32) {
+    pub(in crate::gpu) fn draw_band(
+        &self,
+        gpu: &Gpu,
+        timer: &mut Timer,
+        plan: &FramePlan,
+        band: u32,
+    ) {
         let first_step = u64::from(band) * u64::from(self.cuts.chunks);
+        if let Some(ends) = &plan.ends {
+            self.write_ends(gpu, plan, ends, band);
+        }
         for chunk in 0..self.cuts.chunks {
             self.write_step(gpu, band, chunk);
             let mut encoder = gpu.encoder();
@@ -77,6 +90,26 @@ impl PassFrame {
                 self.encode_band_end(&mut encoder, timer, band);
             }
             gpu.submit(encoder);
+        }
+    }
+
+    /// Writes the depths at which the rays of a band end.
+    fn write_ends(&self, gpu: &Gpu, plan: &FramePlan, ends: &RayEnds, band: u32) {
+        let is_orthographic = plan.camera.projection == Projection::Orthographic;
+        let width = plan.camera.width;
+        let first = self.cuts.bands.band(band).0 as usize * TILE_SIZE * width;
+        let pixels = self.cuts.bands.pixels(band);
+        for of_pass in &self.ends {
+            let word = |i: usize| {
+                let depth = ends.at([i % width, i / width]);
+                match of_pass.of_surfels {
+                    true => of_surfels(depth, is_orthographic).clamp(-f32::MAX, f32::MAX),
+                    false => word_of_depth(depth),
+                }
+            };
+            let words: Vec<f32> = (first..first + pixels as usize).map(word).collect();
+            let offset = 4 * of_pass.words_before * u64::from(pixels);
+            gpu.write_at(&of_pass.buffer, offset, bytemuck::cast_slice(&words));
         }
     }
 

@@ -106,6 +106,7 @@ impl Pass {
                 normals: kind.axes.normals,
                 count: kind.axes.count,
                 clip: kind.axes.interval.is_cut(),
+                ends: kind.axes.ends,
                 is_picture: self.is_picture,
             });
         }

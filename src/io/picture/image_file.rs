@@ -16,7 +16,10 @@ use std::path::Path;
 use ::exr::block;
 use ::exr::meta::header::Header;
 use ::exr::prelude as exr;
-use exr::{Encoding as ExrEncoding, ReadChannels, ReadLayers, SpecificChannels, WritableImage};
+use exr::{
+    Encoding as ExrEncoding, ReadChannels, ReadLayers, ReadSpecificChannel, SpecificChannels,
+    WritableImage,
+};
 
 use super::samples::{Encoded, Refusal, png_file};
 use crate::error::{Error, Result};
@@ -27,7 +30,7 @@ use crate::io::bytes::file::read_all;
 use crate::io::bytes::scalars::{Encoding, ScalarType, Stride, values};
 use crate::io::particles::npy;
 use crate::io::volume::raw::DEFLATE_RATIO;
-use crate::scene::Values;
+use crate::io::vtk::xml::clip;
 
 /// Extensions that [`write_image`] writes.
 pub(in crate::io) const IMAGE_EXTENSIONS: &str = "png, exr, pfm or npy";
@@ -222,6 +225,101 @@ pub fn read_image(path: &Path) -> Result<Image> {
         "pfm" => read_pfm(path, &bytes),
         _ => read_npy(path, &bytes),
     }
+}
+
+/// Reads depths that [`write_depth`] or another program wrote: one number a pixel. `exr` (channel `Z`, alone or of a
+/// layer, or the only channel there is), `pfm` or `npy` (shape (height, width)).
+///
+/// # Errors
+/// The extension is unknown, the file is damaged, or has no channel of depths.
+pub fn read_depth(path: &Path) -> Result<DepthImage> {
+    let extension = extension(path);
+    if !matches!(extension.as_str(), "exr" | "pfm" | "npy") {
+        return Err(unknown_extension(path, DEPTH_EXTENSIONS));
+    }
+    let bytes = read_all(path)?;
+    match extension.as_str() {
+        "exr" => read_exr_depth(path, &bytes),
+        "pfm" => {
+            let image = read_pfm(path, &bytes)?;
+            Ok(DepthImage {
+                width: image.width,
+                height: image.height,
+                depths: image.pixels.iter().map(|pixel| pixel[0]).collect(),
+            })
+        }
+        _ => {
+            let (size, channels) = read_npy_channels(path, &bytes, [1, 1])?;
+            let [width, height] = size;
+            Ok(DepthImage {
+                width,
+                height,
+                depths: channels.into_iter().flatten().collect(),
+            })
+        }
+    }
+}
+
+/// Reads the first channel of depths over the display window; nothing stands outside its layer.
+fn read_exr_depth(path: &Path, bytes: &[u8]) -> Result<DepthImage> {
+    let broken = |e: exr::Error| damaged(path, "an EXR image", e.to_string());
+    let reader = block::read(Cursor::new(bytes), false).map_err(broken)?;
+    let names = |header: &Header| -> Vec<exr::Text> {
+        let channels = header.channels.list.iter();
+        channels.map(|channel| channel.name.clone()).collect()
+    };
+    let flat = reader.headers().iter().filter(|header| !header.deep);
+    let flat: Vec<(&Header, exr::Text)> = flat
+        .flat_map(|header| names(header).into_iter().map(move |name| (header, name)))
+        .collect();
+    let is_depth = |(_, name): &&(&Header, exr::Text)| {
+        let name = name.to_string();
+        let last = name.rsplit('.').next().unwrap_or_default().to_lowercase();
+        // Renderers that write one channel a pass call it by its value.
+        last == "z" && !name.to_lowercase().contains("normal")
+            || last == "depth"
+            || name.to_lowercase().ends_with("depth.v")
+    };
+    let Some((header, name)) = flat.iter().find(is_depth).or(match flat.as_slice() {
+        [only] => Some(only),
+        _ => None,
+    }) else {
+        let all: Vec<String> = flat.iter().map(|(_, name)| name.to_string()).collect();
+        let found = match all.is_empty() {
+            true => "none that is flat".to_owned(),
+            false => clip(&all.join(", ")),
+        };
+        return Err(damaged(path, "an EXR image with a channel Z", found));
+    };
+    let window = header.shared_attributes.display_window;
+    let offset = header.own_attributes.layer_position - window.position;
+    let (width, height) = (window.size.width(), window.size.height());
+    check_claim(path, bytes.len(), [width, height])?;
+    let name = name.clone();
+    let read = exr::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .specific_channels()
+        .required(name)
+        .collect_pixels(
+            move |_, _| vec![f32::INFINITY; width * height],
+            move |depths, at, (depth,): (f32,)| {
+                let at = at.to_i32() + offset;
+                let inside = |n: i32, count: usize| usize::try_from(n).ok().filter(|&n| n < count);
+                if let (Some(x), Some(y)) = (inside(at.x(), width), inside(at.y(), height)) {
+                    depths[y * width + x] = depth;
+                }
+            },
+        )
+        .first_valid_layer()
+        .all_attributes()
+        .from_chunks(reader)
+        .map_err(broken)?;
+    Ok(DepthImage {
+        width,
+        height,
+        depths: read.layer_data.channel_data.pixels,
+    })
 }
 
 pub(in crate::io) fn check_size(
@@ -472,60 +570,68 @@ fn read_pfm(path: &Path, bytes: &[u8]) -> Result<Image> {
 }
 
 fn read_npy(path: &Path, bytes: &[u8]) -> Result<Image> {
-    let array = npy::parse(path, bytes)?;
-    let encoding = array.plain_encoding(path)?;
-    let &[height, width, channels @ (3 | 4)] = array.shape.as_slice() else {
-        let found = format!("shape {:?}", array.shape);
-        return Err(damaged(
-            path,
-            "an array of shape (height, width, 3 or 4)",
-            found,
-        ));
+    let ([width, height], channels) = read_npy_channels(path, bytes, [3, 4])?;
+    let pixel = |i: usize| {
+        let channel = |c: usize| channels.get(c).map_or(1.0, |channel| channel[i]);
+        [channel(0), channel(1), channel(2), channel(3)]
     };
-    if height == 0 || width == 0 {
-        return Err(damaged(
-            path,
-            "at least one pixel",
-            format!("{width} x {height}"),
-        ));
-    }
-    let count = width * height;
-    let size = encoding.scalar.size();
-    let column = |c: usize| -> Result<Values> {
-        let stride = if array.fortran_order {
-            Stride {
-                first: c * count * size,
-                step: size,
-                count,
-            }
-        } else {
-            Stride {
-                first: c * size,
-                step: channels * size,
-                count,
-            }
-        };
-        values(array.data, encoding, stride)
-            .ok_or_else(|| damaged(path, "whole pixels", "fewer bytes"))
-    };
-    let columns = (0..channels).map(column).collect::<Result<Vec<_>>>()?;
-    let mut pixels = Vec::with_capacity(count);
-    for y in 0..height {
-        for x in 0..width {
-            let i = if array.fortran_order {
-                x * height + y
-            } else {
-                y * width + x
-            };
-            let channel = |c: usize| columns.get(c).map_or(1.0, |v| v.get(i));
-            pixels.push([channel(0), channel(1), channel(2), channel(3)]);
-        }
-    }
     Ok(Image {
         width,
         height,
-        pixels,
+        pixels: (0..width * height).map(pixel).collect(),
     })
+}
+
+/// Reads the channels of an array of pixels, each row by row. Returns them with width and height.
+///
+/// - `counts`: least and greatest number of channels; an array of one need not have an axis for it.
+fn read_npy_channels(
+    path: &Path,
+    bytes: &[u8],
+    [least, most]: [usize; 2],
+) -> Result<([usize; 2], Vec<Vec<f32>>)> {
+    let array = npy::parse(path, bytes)?;
+    let encoding = array.plain_encoding(path)?;
+    let dims = match *array.shape.as_slice() {
+        [height, width] if least == 1 => Some([height, width, 1]),
+        [height, width, channels] if (least..=most).contains(&channels) => {
+            Some([height, width, channels])
+        }
+        _ => None,
+    };
+    let Some([height, width, channels]) = dims else {
+        let expected = match least {
+            1 => "an array of shape (height, width)",
+            _ => "an array of shape (height, width, 3 or 4)",
+        };
+        return Err(damaged(path, expected, format!("shape {:?}", array.shape)));
+    };
+    if height == 0 || width == 0 {
+        let found = format!("{width} x {height}");
+        return Err(damaged(path, "at least one pixel", found));
+    }
+    let count = width * height;
+    let size = encoding.scalar.size();
+    let channel = |c: usize| -> Result<Vec<f32>> {
+        let [first, step] = match array.fortran_order {
+            true => [c * count, 1],
+            false => [c, channels],
+        };
+        let stride = Stride {
+            first: first * size,
+            step: step * size,
+            count,
+        };
+        let values = values(array.data, encoding, stride)
+            .ok_or_else(|| damaged(path, "whole pixels", "fewer bytes"))?;
+        let place = |i: usize| match array.fortran_order {
+            true => i % width * height + i / width,
+            false => i,
+        };
+        Ok((0..count).map(|i| values.get(place(i))).collect())
+    };
+    let channels = (0..channels).map(channel).collect::<Result<_>>()?;
+    Ok(([width, height], channels))
 }
 
 #[cfg(test)]

@@ -33,6 +33,7 @@ use crate::data::blanking::Blanking;
 use crate::data::dataset::{CurvilinearBlock, Dataset, Geometry};
 use crate::data::first_order::to_first_order;
 use crate::error::{Error, Result};
+use crate::image::DepthImage;
 use crate::scene::TransferFunction;
 use crate::view::{Camera, ClipPlane};
 use cells::{Mesh, Scratch};
@@ -97,6 +98,8 @@ pub struct DataIntegrator {
     left_out: usize,
     /// Clip planes, world space.
     clip: Vec<ClipPlane>,
+    /// Depths at which rays end.
+    ends: Option<DepthImage>,
 }
 
 #[derive(Debug, Clone)]
@@ -204,12 +207,19 @@ impl DataIntegrator {
             function: Function::new(function),
             left_out,
             clip: Vec::new(),
+            ends: None,
         })
     }
 
     /// Adds clip planes that cut the data.
     pub fn clipped(mut self, planes: &[ClipPlane]) -> Self {
         self.clip.extend_from_slice(planes);
+        self
+    }
+
+    /// Ends the rays through each pixel at its depth, as a [`Backdrop`](crate::render::Backdrop) does.
+    pub fn ended(mut self, depth: DepthImage) -> Self {
+        self.ends = Some(depth);
         self
     }
 
@@ -288,7 +298,7 @@ impl<'a> View<'a> {
     fn new(data: &'a DataIntegrator, camera: &'a Camera) -> Self {
         let (centre, radius) = data.ball();
         Self {
-            sight: Sight::new(camera, &data.clip),
+            sight: Sight::new(camera, &data.clip).ended(data.ends.as_ref()),
             data,
             centre,
             // Enlarged, so that rounding stays within.
@@ -308,7 +318,7 @@ impl Rays for View<'_> {
         let camera = self.sight.camera;
         let (origin, direction) = self.sight.ray(pixel_px);
         let nothing = RayIntegral::default();
-        let Some([near, far]) = self.sight.span(origin, direction) else {
+        let Some([near, far]) = self.sight.span(pixel_px, origin, direction) else {
             return nothing;
         };
         // From where the ray comes near the data: a distant eye costs no digits.

@@ -152,6 +152,7 @@ fn orthographic(size: [usize; 2]) -> Camera {
 fn spec_of(frame: &Frame) -> SurfaceSpec {
     SurfaceSpec {
         clip: false,
+        ends: false,
         near: !frame.near.is_empty(),
         normals: false,
         count: false,
@@ -199,6 +200,7 @@ fn on_cpu(frame: &Frame, bins: &Bins, spec: SurfaceSpec) -> (Vec<Tile>, SurfaceP
                 ..Axes::default()
             },
             level: SimdLevel::Baseline,
+            ends: None,
             task: None,
         },
         &frame.footprints,

@@ -342,7 +342,7 @@ impl<'a> ColumnTile<'a> {
             tile.spans.resize_with(PARTS * PARTS, Spans::default);
             for part in 0..PARTS * PARTS {
                 let place = tile.part(part);
-                tile.spans[part].fill(&place, None);
+                tile.spans[part].fill(&place, None, None);
                 let [near, far] = tile.spans[part].whole();
                 tile.whole = [tile.whole[0].max(near), tile.whole[1].min(far)];
             }

@@ -23,6 +23,7 @@ use crate::cpu::tile::evaluate::surfel::{NearSurfel, SurfelRow, SurfelWalk};
 use crate::cpu::tile::interval::edges::ClipEdges;
 use crate::cpu::tile::pixels::{PREFETCH, Plane, Tile, TilePlace, prefetch};
 use crate::cpu::tile::settings::RasteriseSettings;
+use crate::frame::backdrop::of_surfels;
 use crate::math::lane::madd;
 use crate::record::{Footprint, NearTerms, PATH_NEAR_SURFEL, SurfelTerms, ViewUniform};
 use crate::simd::{SimdWork, run_at};
@@ -154,7 +155,12 @@ pub fn rasterise_surface(
     tiles: &mut [Tile],
     normals: &mut [NormalTile],
 ) -> u64 {
-    let RasteriseSettings { axes, level, task } = settings;
+    let RasteriseSettings {
+        axes,
+        level,
+        ends,
+        task,
+    } = settings;
     let listed = bins.tiles();
     let stage = Stage::new(task, "drawing surfaces", listed.len());
     let has_normals = !normals.is_empty();
@@ -166,44 +172,57 @@ pub fn rasterise_surface(
     };
     let memory = || {
         let layers = Box::new([const { Layer::new() }; SURFACE_LAYERS]);
-        (Vec::new(), layers, Box::new([0.0; TILE_PIXELS]))
+        let ends = Box::new([f32::NEG_INFINITY; TILE_PIXELS]);
+        (Vec::new(), layers, Box::new([0.0; TILE_PIXELS]), ends)
     };
     tiles[listed.clone()]
         .par_iter_mut()
         .zip(normals)
         .zip(listed)
-        .map_init(memory, |(list, layers, counts), ((tile, normals), t)| {
-            if !stage.goes_on() {
-                return 0;
-            }
-            list.clear();
-            list.extend(bins.tile(t));
-            let raster = SurfaceRaster {
-                place: TilePlace::new(view, t, columns),
-                has_normals,
-                footprints,
-                terms,
-                near,
-                list,
-                layers,
-                counts,
-            };
-            let splat_pixels = run_at(level, raster);
-            resolve_layers(view, layers, tile, has_normals.then_some(normals));
-            if axes.count {
-                for plane in [&mut tile.red, &mut tile.green, &mut tile.blue] {
-                    plane.copy_from_slice(&**counts);
+        .map_init(
+            memory,
+            |(list, layers, counts, planes), ((tile, normals), t)| {
+                if !stage.goes_on() {
+                    return 0;
                 }
-            }
-            stage.advance(1);
-            splat_pixels
-        })
+                list.clear();
+                list.extend(bins.tile(t));
+                let place = TilePlace::new(view, t, columns);
+                if let Some(ends) = ends {
+                    for i in place.pixels() {
+                        planes[i] = of_surfels(ends.at(place.at(i)), view.orthographic != 0);
+                    }
+                }
+                let raster = SurfaceRaster {
+                    place,
+                    ends: ends.map(|_| &**planes),
+                    has_normals,
+                    footprints,
+                    terms,
+                    near,
+                    list,
+                    layers,
+                    counts,
+                };
+                let splat_pixels = run_at(level, raster);
+                resolve_layers(view, layers, tile, has_normals.then_some(normals));
+                if axes.count {
+                    for plane in [&mut tile.red, &mut tile.green, &mut tile.blue] {
+                        plane.copy_from_slice(&**counts);
+                    }
+                }
+                stage.advance(1);
+                splat_pixels
+            },
+        )
         .sum()
 }
 
 /// The work on one tile.
 struct SurfaceRaster<'a> {
     place: TilePlace<'a>,
+    /// Inverse depths at which rays end, as surfels state theirs.
+    ends: Option<&'a Plane>,
     has_normals: bool,
     footprints: &'a [Footprint],
     terms: &'a [SurfelTerms],
@@ -291,6 +310,9 @@ impl SurfaceRaster<'_> {
             if let Some(edges) = &edges {
                 edges.cut::<FMA>(&mut row, walk.offset(y));
             }
+            if let Some(ends) = self.ends {
+                row.end(&ends[y * TILE_SIZE..]);
+            }
             self.take::<FMA>(y, &row, &fragment);
         }
     }
@@ -368,6 +390,12 @@ impl SurfaceRaster<'_> {
                 let Some(at) = surfel.at(x, y) else {
                     continue;
                 };
+                if self
+                    .ends
+                    .is_some_and(|ends| at.inverse_depth <= ends[y * TILE_SIZE + x])
+                {
+                    continue;
+                }
                 let pixel = self.place.centre(x, y);
                 let share = ClipEdges::share_of_near(self.place.view, pixel, &at);
                 if share == 0.0 {

@@ -25,6 +25,28 @@ pub(in crate::cpu::tile) struct SurfelRow {
     pub(in crate::cpu::tile) inside: RowOf<f32>,
 }
 
+impl SurfelRow {
+    /// Removes the pixels at which the surfel lies beyond the end of the ray.
+    ///
+    /// - `ends`: inverse depths of the row's ends.
+    #[inline(always)]
+    pub(in crate::cpu::tile) fn end(&mut self, ends: &[f32]) {
+        let Some(ends) = ends.first_chunk::<TILE_SIZE>() else {
+            return;
+        };
+        for lane in 0..TILE_SIZE {
+            // Phrased so that NaN is beyond.
+            let shown = if self.inverse_depth[lane] > ends[lane] {
+                1.0
+            } else {
+                0.0
+            };
+            self.weight[lane] *= shown;
+            self.inside[lane] *= shown;
+        }
+    }
+}
+
 /// A surfel while the rows of a tile are evaluated.
 pub(in crate::cpu::tile) struct SurfelWalk<'a> {
     walk: Walk<'a>,

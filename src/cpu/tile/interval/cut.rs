@@ -1,4 +1,5 @@
-//! Draws tiles in which rays are cut: at clip planes, and at opaque surfaces among transparent volumes.
+//! Draws tiles in which rays are cut: at clip planes, at depths of the caller's, and at opaque surfaces among
+//! transparent volumes.
 //!
 //! The part of each pixel's ray between two depths is drawn; a surface divides it in two. Kernels are
 //! integrated up to the surface and composited in front of it. If the surface covers a pixel only in
@@ -13,6 +14,7 @@ use glam::Vec2;
 use crate::constants::TILE_PIXELS;
 use crate::cpu::tile::evaluate::Evaluate;
 use crate::cpu::tile::pixels::{Plane, Tile, TilePlace, ray};
+use crate::frame::backdrop::RayEnds;
 use crate::record::ViewUniform;
 
 /// The parts of a tile's rays that are drawn: depths z.
@@ -44,11 +46,18 @@ impl Default for Spans {
 }
 
 impl Spans {
-    pub(in crate::cpu::tile) fn fill(&mut self, place: &TilePlace<'_>, surface: Option<&Tile>) {
+    pub(in crate::cpu::tile) fn fill(
+        &mut self,
+        place: &TilePlace<'_>,
+        surface: Option<&Tile>,
+        ends: Option<&RayEnds>,
+    ) {
         const NONE: [f32; 2] = [f32::INFINITY, f32::NEG_INFINITY];
         (self.nears, self.middles, self.fars) = (NONE, NONE, NONE);
         for i in place.pixels() {
             let [near, far] = clip_span(place.view, place.pixel(i));
+            let end = ends.map_or(f32::INFINITY, |ends| ends.at(place.at(i)));
+            let [near, far] = span_of(near, far.min(end));
             let middle = surface.map_or(far, |s| s.depth[i].max(near).min(far));
             (self.near[i], self.middle[i], self.far[i]) = (near, middle, far);
             let bounds = [&mut self.nears, &mut self.middles, &mut self.fars];
@@ -124,6 +133,11 @@ pub(in crate::cpu::tile) fn clip_span(view: &ViewUniform, pixel: Vec2) -> [f32; 
             far = f32::NEG_INFINITY;
         }
     }
+    span_of(near, far)
+}
+
+/// Returns the part of a ray between two depths; from infinity to infinity if there is none.
+fn span_of(near: f32, far: f32) -> [f32; 2] {
     if near < far {
         [near, far]
     } else {
@@ -189,16 +203,19 @@ impl<'a> CutTile<'a> {
         place: &TilePlace<'_>,
         has_depth: bool,
         surface: Option<&'a Tile>,
+        ends: Option<&RayEnds>,
         behind: &'a mut Tile,
         spans: &'a mut Spans,
     ) -> Option<Self> {
         // Uncovered pixels have an infinite depth.
         let covers = |s: &&Tile| place.pixels().any(|i| s.depth[i] < f32::INFINITY);
         let surface = surface.filter(covers);
-        if surface.is_none() && place.view.clip_count == 0 {
+        let end = |ends: &&RayEnds| place.pixels().any(|i| ends.at(place.at(i)) < f32::INFINITY);
+        let ends = ends.filter(end);
+        if surface.is_none() && ends.is_none() && place.view.clip_count == 0 {
             return None;
         }
-        spans.fill(place, surface);
+        spans.fill(place, surface, ends);
         if surface.is_some() {
             behind.clear(has_depth);
         }

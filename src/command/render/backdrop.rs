@@ -1,0 +1,106 @@
+//! Defines the options of what stands in a picture already, as another renderer drew it.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use crate::command::parse;
+use crate::io::{read_depth, read_image};
+use crate::render::{Backdrop, DepthKind};
+use crate::view::Camera;
+use crate::{DepthImage, Error, Image, Result};
+use clap::{Args, ValueEnum};
+
+#[derive(Args)]
+#[command(next_help_heading = "Other renderers")]
+pub(in crate::command) struct BackdropOptions {
+    /// Depths of what another renderer drew from the same camera: volumes and splats end there. exr, npy or pfm, of
+    /// the picture's size
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["column_density", "camera_path", "turntable", "series"])]
+    depth_in: Option<PathBuf>,
+    /// What the numbers of --depth-in are
+    #[arg(long, value_enum, default_value = "z", requires = "depth_in")]
+    depth_in_is: DepthName,
+    /// Distances of the near and the far plane, for --depth-in-is opengl
+    #[arg(long, value_name = "NEAR,FAR", value_parser = parse::near_and_far, requires = "depth_in")]
+    depth_in_range: Option<[f64; 2]>,
+    /// Picture behind the scene, of the same size: png, exr, pfm or npy. Without it what --depth-in hides is left
+    /// transparent, or in the colour of --background
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["column_density", "camera_path", "turntable", "series"])]
+    background_image: Option<PathBuf>,
+    /// The files, once they are read.
+    #[arg(skip)]
+    read: Option<Read>,
+}
+
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum DepthName {
+    /// Distance from the plane of the eye, as --depth writes it; infinite where nothing stands
+    Z,
+    /// Distance from the eye along the ray of each pixel
+    Distance,
+    /// A depth buffer of OpenGL, 0 to 1, between the planes of --depth-in-range
+    Opengl,
+}
+
+struct Read {
+    depth: Option<DepthImage>,
+    colours: Option<Image>,
+}
+
+impl BackdropOptions {
+    /// Reads the files. Returns the size of a picture with this backdrop, if there is one.
+    ///
+    /// # Errors
+    /// Files that cannot be read; a range that is missing, or has no meaning.
+    pub(in crate::command) fn read(&mut self) -> Result<Option<[usize; 2]>> {
+        let is_range_wanted = self.depth_in_is == DepthName::Opengl;
+        if is_range_wanted != self.depth_in_range.is_some() {
+            let [expected, found] = match is_range_wanted {
+                true => ["the distances of its planes", "none"],
+                false => ["none", "--depth-in-range"],
+            };
+            return Err(Error::invalid(
+                "--depth-in-range",
+                "depths that are no buffer of OpenGL, or one",
+                expected,
+                found,
+                "give --depth-in-is opengl and --depth-in-range NEAR,FAR together",
+            ));
+        }
+        let depth = self.depth_in.as_deref().map(read_depth).transpose()?;
+        let colours = self.background_image.as_deref();
+        let colours = colours.map(read_image).transpose()?;
+        let size = depth.as_ref().map(|depth| [depth.width, depth.height]);
+        let size = size.or(colours.as_ref().map(|image| [image.width, image.height]));
+        self.read = size.map(|_| Read { depth, colours });
+        Ok(size)
+    }
+
+    /// Returns the backdrop of a picture by a camera.
+    ///
+    /// # Errors
+    /// Depths out of their range; files of different sizes.
+    pub(in crate::command) fn backdrop(&self, camera: &Camera) -> Result<Option<Arc<Backdrop>>> {
+        let Some(read) = &self.read else {
+            return Ok(None);
+        };
+        let backdrop = match (&read.depth, &read.colours) {
+            (Some(depth), _) => Backdrop::of_kind(depth.clone(), self.kind(), camera)?,
+            (None, Some(colours)) => Backdrop::without_depth(colours.width, colours.height),
+            (None, None) => return Ok(None),
+        };
+        let backdrop = match &read.colours {
+            Some(colours) => backdrop.with_colours(colours.clone())?,
+            None => backdrop,
+        };
+        Ok(Some(Arc::new(backdrop)))
+    }
+
+    fn kind(&self) -> DepthKind {
+        match (self.depth_in_is, self.depth_in_range) {
+            (DepthName::Distance, _) => DepthKind::Distance,
+            (DepthName::Opengl, Some([near, far])) => DepthKind::OpenGl { near, far },
+            _ => DepthKind::Z,
+        }
+    }
+}
