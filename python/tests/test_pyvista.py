@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import re
 import warnings
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -361,21 +362,34 @@ def test_interactions_leave_nothing_behind():
     # 20 frames that were kept would be 20 x 200 x 150 x (4 + 4 + 4 + 16) bytes, 17 MB.
     assert resident() - memory < 10 << 20
     handle.remove()
-    assert not ewa_splat.vtk._kept
 
 
 def test_scenes_keep_actors_and_free_them():
-    renderer = vtk.vtkRenderer()
-    window = window_of(renderer)
-    es.vtk.Actor(cube()).add_to(renderer)
+    def scene():
+        renderer = vtk.vtkRenderer()
+        actor = es.vtk.Actor(cube()).add_to(renderer)
+        renderer.ResetCamera()
+        return window_of(renderer), weakref.ref(actor)
+
+    window, actor = scene()
     gc.collect()
     window.Render()
-    assert len(ewa_splat.vtk._kept) == 1
-    renderer.ResetCamera()
-    window.Render()
-    del renderer, window
+    assert actor() is not None, "the scene keeps it"
+    del window
     gc.collect()
-    assert not ewa_splat.vtk._kept
+    assert actor() is None, "it goes with the scene"
+    window, actor = scene()
+    actor().remove()
+    assert actor() is None, "nothing else keeps it"
+    window.Render()
+    made = plotter()
+    handle = weakref.ref(es.pyvista.add(made, cube()))
+    picture(made)
+    assert handle() is not None
+    made.clear()
+    gc.collect()
+    assert handle() is None
+    made.close()
 
 
 # Colours --------------------------------------------------------------------------------------------------------------
@@ -474,7 +488,7 @@ def test_errors_name_what_is_wrong():
         handle.update(composite="slabs", slab_thickness=-1.0)
     with pytest.raises(ValueError, match="in no scene"):
         handle.add_to(made.renderer)
-    coloured = es.Volume.from_points(np.eye(3), color=(1, 0, 0), radius=0.3)
+    coloured = es.Splats.from_arrays(np.eye(3), [[0.3] * 3] * 3, [[1, 0, 0, 0]] * 3, [0.5] * 3, colors=[[1.0, 0, 0]] * 3)
     with pytest.raises(ValueError, match="own colours"):
         es.pyvista.add(made, es.Renderer(coloured, backend="cpu")).scalar_bar()
 

@@ -108,6 +108,23 @@ def codes_of(linear: NDArray[np.float32]) -> NDArray[np.uint8]:
     return _ENCODED[np.rint(np.clip(linear, 0.0, 1.0) * LINEAR_STEPS).astype(np.uint16)]
 
 
+def composited(light: NDArray[np.float32], codes: NDArray[np.uint8], *, in_codes: bool) -> NDArray[np.uint8]:
+    """Return codes of a picture, linear and premultiplied, over codes.
+
+    The colours of `codes` count as opaque. Its opacities are those of what was drawn on them, as a window without a
+    background has them.
+    """
+    through = 1.0 - light[..., 3:]
+    if in_codes:
+        share = np.where(light[..., 3:] > 0, light[..., 3:], 1.0)
+        rgb = 255.0 * share * encoded(light[..., :3] / share) + through * codes[..., :3]
+        colours = np.rint(np.clip(rgb, 0.0, 255.0)).astype(np.uint8)
+    else:
+        colours = codes_of(light[..., :3] + through * linear_of(codes[..., :3]))
+    opacities = np.rint(255.0 * np.clip(light[..., 3:], 0.0, 1.0) + np.clip(through, 0.0, 1.0) * codes[..., 3:])
+    return np.concatenate([colours, opacities.astype(np.uint8)], axis=-1)
+
+
 # Transfer functions ---------------------------------------------------------------------------------------------------
 
 

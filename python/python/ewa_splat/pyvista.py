@@ -52,7 +52,7 @@ class Actor(vtk.Actor):
     def _add(self, plotter: Any, renderer: Any) -> Actor:
         self._plotter = weakref.ref(plotter)
         # As a mesh does, this sets the camera unless it has been set.
-        renderer.add_actor(self._box, reset_camera=None, pickable=False, render=False)
+        renderer.add_actor(self._new_box(), reset_camera=None, pickable=False, render=False)
         self._enter(renderer)
         return self
 

@@ -13,7 +13,6 @@ Examples
 from __future__ import annotations
 
 import warnings
-import weakref
 from typing import Any
 
 import numpy as np
@@ -33,12 +32,11 @@ MOVING_RATE = 1.0
 #: Pixels along an edge of a coarse picture's pixels, and its least tolerance.
 COARSE_STEP = 2
 COARSE_TOLERANCE = 8 / 255
+#: Size of a picture that is drawn to learn something.
+PROBE = (16, 16)
 
 #: Settings of pictures that the scene decides.
 _OF_SCENE = ("background", "legend", "depth", "normals", "measure_error", "show")
-
-#: Actors in scenes, by the addresses of their renderers, which VTK may own alone.
-_kept: dict[str, list[Actor]] = {}
 
 
 class Actor:
@@ -77,39 +75,27 @@ class Actor:
         self._bar: Any = None
         self._last: tuple[Any, ...] | None = None
         self._warned: set[str] = set()
-        self._observers: list[int] = []
-        self._where = _vtk.classes("vtkCommonCore").vtkWeakReference()
-        self._address = ""
-        self._box, self._hook, self._trigger = self._parts()
+        self._observer = 0
+        self._visible = True
+        self._is_encoded = False
+        # The renderer, an invisible actor with the bounds, and a 2D actor that draws. The scene owns them and this.
+        self._where, self._box, self._hook = (_vtk.classes("vtkCommonCore").vtkWeakReference() for _ in range(3))
         self._set(settings)
 
     # The scene's parts ------------------------------------------------------------------------------------------------
 
-    def _parts(self) -> tuple[Any, Any, Any]:
-        """Make an invisible actor with the bounds, and a 2D actor that draws when its data are updated."""
+    def _new_box(self) -> Any:
         core = _vtk.classes("vtkRenderingCore")
-        box = core.vtkActor()
         mapper = core.vtkPolyDataMapper()
         mapper.SetInputData(self._bounding_triangle())
         mapper.ScalarVisibilityOff()
+        box = core.vtkActor()
         box.SetMapper(mapper)
         box.PickableOff()
         box.SetUseBounds(self.bounds is not None)
-        trigger = _vtk.classes("vtkFiltersSources").vtkProgrammableSource()
-        own = weakref.ref(self)
-
-        def draw() -> None:
-            actor = own()
-            if actor is not None:
-                actor._drawn()
-
-        trigger.SetExecuteMethod(draw)
-        hook = core.vtkActor2D()
-        updated = core.vtkPolyDataMapper2D()
-        updated.SetInputConnection(trigger.GetOutputPort(0))
-        hook.SetMapper(updated)
-        hook.PickableOff()
-        return box, hook, trigger
+        box.SetVisibility(self._visible)
+        self._box.Set(box)
+        return box
 
     def _bounding_triangle(self) -> Any:
         """Return a triangle of no area between the corners of the bounds: nothing is drawn of it."""
@@ -138,45 +124,49 @@ class Actor:
         """
         if self._where.Get() is not None:
             raise ValueError("renderer: expected an actor that is in no scene, found one that is; remove it first")
-        renderer.AddActor(self._box)
+        renderer.AddActor(self._new_box())
         self._enter(renderer)
         return self
 
     def _enter(self, renderer: Any) -> None:
-        renderer.AddViewProp(self._hook)
+        """Add the 2D actor that draws when its data are updated."""
+        core = _vtk.classes("vtkRenderingCore")
+        trigger = _vtk.classes("vtkFiltersSources").vtkProgrammableSource()
+        trigger.SetExecuteMethod(self._drawn)
+        mapper = core.vtkPolyDataMapper2D()
+        mapper.SetInputConnection(trigger.GetOutputPort(0))
+        hook = core.vtkActor2D()
+        hook.SetMapper(mapper)
+        hook.PickableOff()
+        hook.SetVisibility(self._visible)
+        renderer.AddViewProp(hook)
         # 2D actors are drawn in their order, so that this one, drawn first, is under all others.
         props = renderer.GetViewProps()
-        props.RemoveItem(self._hook)
-        props.InsertItem(-1, self._hook)
-        trigger, address = self._trigger, renderer.GetAddressAsString("")
+        props.RemoveItem(hook)
+        props.InsertItem(-1, hook)
+        self._hook.Set(hook)
+        self._where.Set(renderer)
+        weak = _vtk.classes("vtkCommonCore").vtkWeakReference()
+        weak.Set(trigger)
 
         def started(*_: object) -> None:
-            trigger.Modified()
+            source = weak.Get()
+            if source is not None:
+                source.Modified()
 
-        def deleted(*_: object) -> None:
-            _kept.pop(address, None)
-
-        self._observers = [renderer.AddObserver("StartEvent", started), renderer.AddObserver("DeleteEvent", deleted)]
-        self._where.Set(renderer)
-        self._address = address
-        _kept.setdefault(address, []).append(self)
+        self._observer = renderer.AddObserver("StartEvent", started)
 
     def remove(self) -> None:
         """Take the things out of their scene."""
         renderer = self._where.Get()
         if renderer is not None:
-            for prop in (self._box, self._hook, self._bar):
+            for prop in (self._box.Get(), self._hook.Get(), self._bar):
                 if prop is not None:
                     renderer.RemoveViewProp(prop)
-            for observer in self._observers:
-                renderer.RemoveObserver(observer)
-        self._observers, self._bar, self._last = [], None, None
-        self._where.Set(None)
-        listed = _kept.get(self._address, [])
-        if self in listed:
-            listed.remove(self)
-        if not listed:
-            _kept.pop(self._address, None)
+            renderer.RemoveObserver(self._observer)
+        self._bar, self._last = None, None
+        for part in (self._where, self._box, self._hook):
+            part.Set(None)
 
     # Settings ---------------------------------------------------------------------------------------------------------
 
@@ -201,8 +191,7 @@ class Actor:
         is_foreign = function is not ... and _vtk.is_function(function)
         if function is not ...:
             self._renderer.set_transfer_function(_vtk.converted(function))
-        # A small picture finds settings that contradict each other, before the scene draws them.
-        self._renderer.render(None, (8, 8), **changed)
+        self._is_encoded = self._blends_encoded(changed)
         self._settings = changed
         if function is not ...:
             self._source = function if is_foreign else None
@@ -210,6 +199,18 @@ class Actor:
         self._last = None
         if self._table is not None:
             self._fill_table()
+
+    def _blends_encoded(self, settings: dict[str, Any]) -> bool:
+        """Return whether colours are composited as sRGB codes. Settings that contradict each other are found by this.
+
+        Small pictures before grey show it where the data decide.
+        """
+        settings = settings | {"background": (0.5, 0.5, 0.5)}
+        first = self._renderer.render(None, PROBE, **settings)
+        if settings.get("blend", "auto") != "auto":
+            return bool(settings["blend"] == "encoded")
+        second = self._renderer.render(None, PROBE, **settings | {"blend": "linear"})
+        return not np.array_equal(first.numpy(), second.numpy())
 
     def _changed(self) -> None:
         """Act on a change of what is drawn: windows of bare VTK are rendered by their owners."""
@@ -232,12 +233,14 @@ class Actor:
     @property
     def visible(self) -> bool:
         """Whether the things are drawn."""
-        return bool(self._hook.GetVisibility())
+        return self._visible
 
     @visible.setter
     def visible(self, visible: bool) -> None:
-        self._hook.SetVisibility(bool(visible))
-        self._box.SetVisibility(bool(visible))
+        self._visible = bool(visible)
+        for prop in (self._box.Get(), self._hook.Get()):
+            if prop is not None:
+                prop.SetVisibility(self._visible)
         self._changed()
 
     # Colours ----------------------------------------------------------------------------------------------------------
@@ -341,13 +344,16 @@ class Actor:
             if np.array_equal(near, last_near) and np.array_equal(codes, last_codes):
                 self._put(window, corners, picture)
                 return
-        depths = _vtk.depths_of(near, projection)
-        picture = self._coarse(view, depths, codes) if is_coarse else self._fine(view, depths, codes)
+        light = self._light(view, _vtk.depths_of(near, projection), COARSE_STEP if is_coarse else 1)
+        picture = _vtk.composited(light, codes, in_codes=self._is_encoded)
         self._last = (state, near.copy(), codes.copy(), picture)
         self._put(window, corners, picture)
 
     def _is_in_place(self) -> bool:
-        matrix = self._box.GetMatrix()
+        box = self._box.Get()
+        if box is None:
+            return True
+        matrix = box.GetMatrix()
         return all(matrix.GetElement(i, j) == (i == j) for i in range(4) for j in range(4))
 
     @staticmethod
@@ -356,39 +362,22 @@ class Actor:
         array = bridge.numpy_to_vtk(picture[::-1].reshape(-1, 4), deep=True)
         window.SetRGBACharPixelData(*corners, array, 0, 0, 0)
 
-    def _fine(self, view: dict[str, Any], depths: NDArray[np.float32], codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Draw over the scene's colours."""
+    def _light(self, view: dict[str, Any], depths: NDArray[np.float32], step: int) -> NDArray[np.float32]:
+        """Draw the things up to depths, premultiplied. Pixels are `step` wide, so that the scene itself remains sharp."""
+        settings = dict(self._settings)
+        if step > 1:
+            settings["tolerance"] = max(COARSE_TOLERANCE, settings.get("tolerance", 0.0))
         width, height = view["size"]
-        image = self._renderer.render(
-            Camera(view),
-            (width, height),
-            background_depth=depths,
-            background_image=_vtk.linear_of(codes[..., :3]),
-            **self._settings,
-        )
-        return _with_alpha(_vtk.codes_of(image.numpy()[..., :3]), codes)
-
-    def _coarse(self, view: dict[str, Any], depths: NDArray[np.float32], codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Draw at a part of the resolution, so that the scene itself remains sharp."""
-        width, height = view["size"]
-        less = depths[::COARSE_STEP, ::COARSE_STEP]
-        rows, columns = less.shape
+        ends = np.ascontiguousarray(depths[::step, ::step])
+        size = (ends.shape[1], ends.shape[0])
         view = view | {
-            "focal_px": [f / COARSE_STEP for f in view["focal_px"]],
-            "centre_px": [c / COARSE_STEP for c in view["centre_px"]],
-            "size": [columns, rows],
+            "focal_px": [f / step for f in view["focal_px"]],
+            "centre_px": [c / step for c in view["centre_px"]],
+            "size": list(size),
         }
-        settings = self._settings | {"tolerance": max(COARSE_TOLERANCE, self._settings.get("tolerance", 0.0))}
-        image = self._renderer.render(
-            Camera(view), (columns, rows), background_depth=np.ascontiguousarray(less), **settings
-        )
-        pixels = image.numpy().repeat(COARSE_STEP, 0)[:height].repeat(COARSE_STEP, 1)[:, :width]
-        through = 1.0 - pixels[..., 3:]
-        return _with_alpha(_vtk.codes_of(pixels[..., :3] + through * _vtk.linear_of(codes[..., :3])), codes)
+        pixels = self._renderer.render(Camera(view), size, background_depth=ends, **settings).numpy()
+        return pixels.repeat(step, 0)[:height].repeat(step, 1)[:, :width] if step > 1 else pixels
 
     def __repr__(self) -> str:
         return f"Actor({', '.join(repr(thing) for thing in self._renderer.things)})"
 
-
-def _with_alpha(rgb: NDArray[np.uint8], codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    return np.concatenate([rgb, codes[..., 3:]], axis=-1)
