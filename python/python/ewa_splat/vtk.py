@@ -35,7 +35,7 @@ COARSE_TOLERANCE = 8 / 255
 #: Size of a picture that is drawn to learn something.
 PROBE = (16, 16)
 
-#: Settings of pictures that the scene decides.
+#: Beginnings of the names of settings that the scene decides.
 _OF_SCENE = ("background", "legend", "depth", "normals", "measure_error", "show")
 
 
@@ -182,7 +182,8 @@ class Actor:
         self._changed()
 
     def _set(self, settings: dict[str, Any]) -> None:
-        known = [name for name in Drawing.__annotations__ if name not in _OF_SCENE] + ["tolerance", "transfer_function"]
+        of_pictures = [name for name in Drawing.__annotations__ if not name.startswith(_OF_SCENE)]
+        known = ["tolerance", "transfer_function", *of_pictures]
         for name in settings:
             if name not in known:
                 raise TypeError(f"{name}: no such setting in a scene; expected one of {', '.join(known)}")
