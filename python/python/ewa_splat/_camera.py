@@ -160,11 +160,11 @@ class Camera:
         view_angle
             The vertical field of view, degrees; VTK's default is 30.
         """
-        if hasattr(camera_position, "parallel_projection"):
+        if hasattr(camera_position, "GetViewUp"):
             camera = camera_position
-            scale = 2.0 * float(camera.parallel_scale) if camera.parallel_projection else None
-            up = camera.up if hasattr(camera, "up") else camera.view_up
-            return cls.look_at(camera.position, camera.focal_point, up, fov=float(camera.view_angle), ortho_height=scale)
+            scale = 2.0 * camera.GetParallelScale() if camera.GetParallelProjection() else None
+            place = (camera.GetPosition(), camera.GetFocalPoint(), camera.GetViewUp())
+            return cls.look_at(*place, fov=camera.GetViewAngle(), ortho_height=scale)
         position, focal_point, up = list(camera_position)
         return cls.look_at(position, focal_point, up, fov=view_angle)
 
@@ -205,16 +205,20 @@ class Camera:
         else:
             raise ValueError("camera: expected one with a place, found one that is fitted to data; take Image.camera")
         if camera is not None:
-            camera.position, camera.focal_point = place[:2]
-            # A bare `vtkCamera` takes any attribute, and has another name for this one.
-            setattr(camera, "up" if hasattr(camera, "up") else "view_up", place[2])
-            if hasattr(camera, "SetWindowCenter"):
-                camera.SetWindowCenter(*middle)
-            camera.parallel_projection = scale is not None
-            if scale is None:
-                camera.view_angle = angle
+            camera.SetWindowCenter(*middle)
+            if hasattr(camera, "up"):
+                # PyVista keeps more than VTK does, behind attributes of its own.
+                camera.position, camera.focal_point, camera.up = place
+                camera.parallel_projection = scale is not None
             else:
-                camera.parallel_scale = scale
+                camera.SetPosition(place[0])
+                camera.SetFocalPoint(place[1])
+                camera.SetViewUp(place[2])
+                camera.SetParallelProjection(scale is not None)
+            if scale is None:
+                camera.SetViewAngle(angle)
+            else:
+                camera.SetParallelScale(scale)
         return place
 
     def orbit(self, azimuth: float = 0.0, elevation: float = 0.0) -> Camera:

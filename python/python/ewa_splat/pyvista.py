@@ -1,6 +1,6 @@
 """Draws things in plotters of PyVista: behind and before its meshes, under its axes, scalar bars and texts.
 
-Needs pyvista 0.44 or newer. `ewa_splat.vtk` does the same for renderers of bare VTK.
+Tested with PyVista 0.49. `ewa_splat.vtk` does the same for renderers of bare VTK.
 
 Examples
 --------

@@ -1,7 +1,7 @@
 """Draws things in scenes of VTK: behind and before its meshes, under its axes, scalar bars and texts.
 
 `Actor` is added to a `vtkRenderer` and drawn with every frame of it. `ewa_splat.pyvista` does the same for plotters of
-PyVista. Needs vtk 9.2 or newer.
+PyVista. Tested with VTK 9.7.
 
 Examples
 --------
@@ -80,7 +80,7 @@ class Actor:
         self._is_encoded = False
         # The renderer, an invisible actor with the bounds, and a 2D actor that draws. The scene owns them and this.
         self._where, self._box, self._hook = (_vtk.classes("vtkCommonCore").vtkWeakReference() for _ in range(3))
-        self._set(settings)
+        self._set(settings, is_first=True)
 
     # The scene's parts ------------------------------------------------------------------------------------------------
 
@@ -181,7 +181,7 @@ class Actor:
         self._set(settings)
         self._changed()
 
-    def _set(self, settings: dict[str, Any]) -> None:
+    def _set(self, settings: dict[str, Any], *, is_first: bool = False) -> None:
         of_pictures = [name for name in Drawing.__annotations__ if not name.startswith(_OF_SCENE)]
         known = ["tolerance", "transfer_function", *of_pictures]
         for name in settings:
@@ -189,12 +189,17 @@ class Actor:
                 raise TypeError(f"{name}: no such setting in a scene; expected one of {', '.join(known)}")
         changed = self._settings | settings
         function = changed.pop("transfer_function", ...)
-        is_foreign = function is not ... and _vtk.is_function(function)
-        if function is not ...:
-            self._renderer.set_transfer_function(_vtk.converted(function))
-        self._is_encoded = self._blends_encoded(changed)
-        self._settings = changed
-        if function is not ...:
+        is_foreign = _vtk.is_function(function)
+        given = _vtk.converted(function)
+        is_given = function is not ...
+        # The first function comes before the first sampling, later ones after what may be refused.
+        if is_given and is_first:
+            self._renderer.set_transfer_function(given)
+        is_encoded = self._blends_encoded(changed)
+        if is_given and not is_first:
+            self._renderer.set_transfer_function(given)
+        self._settings, self._is_encoded = changed, is_encoded
+        if is_given:
             self._source = function if is_foreign else None
             self._drawn_time = _vtk.time_of(function) if is_foreign else -1
         self._last = None
@@ -361,6 +366,8 @@ class Actor:
     def _put(window: Any, corners: tuple[int, ...], picture: NDArray[np.uint8]) -> None:
         bridge = _vtk.classes("util.numpy_support")
         array = bridge.numpy_to_vtk(picture[::-1].reshape(-1, 4), deep=True)
+        # The library's own device may have had another context.
+        window.MakeCurrent()
         window.SetRGBACharPixelData(*corners, array, 0, 0, 0)
 
     def _light(self, view: dict[str, Any], depths: NDArray[np.float32], step: int) -> NDArray[np.float32]:
