@@ -1,5 +1,6 @@
 /* Draws particles with radii and values to a buffer, with their depths: points FILE
- * The file receives the pixels (4 floats each) and the depths (1 each), rows from the top. */
+ * The file receives the pixels (4 floats each), the depths (1 each) and the pixels with a wall, rows from the top. */
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -46,12 +47,26 @@ int main(int argc, char **argv) {
         .rgba = rgba, .rgba_count = 4 * PIXELS, .depth = depth, .depth_count = PIXELS,
     };
     check(ewa_render(renderer, camera, "{\"tolerance\": 0.01}", WIDTH, HEIGHT, NULL, &buffers));
+
+    /* The same in front of a red wall, which another renderer drew in the left half. */
+    static float wall[4 * PIXELS], wall_depth[PIXELS], over[4 * PIXELS];
+    for (int i = 0; i < PIXELS; i++) {
+        int is_wall = i % WIDTH < WIDTH / 2;
+        wall_depth[i] = is_wall ? 3.2f : INFINITY;
+        wall[4 * i] = wall[4 * i + 3] = (float)is_wall;
+    }
+    const ewa_background behind = {
+        .depth = wall_depth, .depth_count = PIXELS, .rgba = wall, .rgba_count = 4 * PIXELS,
+    };
+    buffers = (ewa_buffers){.rgba = over, .rgba_count = 4 * PIXELS};
+    check(ewa_render_over(renderer, camera, "{\"tolerance\": 0.01}", WIDTH, HEIGHT, &behind, NULL, &buffers));
     ewa_camera_free(camera);
     ewa_renderer_free(renderer);
     ewa_scene_free(scene);
 
     FILE *file = argc == 2 ? fopen(argv[1], "wb") : NULL;
-    if (!file || fwrite(rgba, sizeof rgba, 1, file) != 1 || fwrite(depth, sizeof depth, 1, file) != 1 || fclose(file)) {
+    if (!file || fwrite(rgba, sizeof rgba, 1, file) != 1 || fwrite(depth, sizeof depth, 1, file) != 1 ||
+        fwrite(over, sizeof over, 1, file) != 1 || fclose(file)) {
         fprintf(stderr, "usage: points FILE\n");
         return 1;
     }

@@ -91,6 +91,16 @@ typedef struct ewa_buffers {
     size_t normals_count;
 } ewa_buffers;
 
+/* What another renderer drew from the same camera, row by row, with exact sizes. NULL and 0: not there. */
+typedef struct ewa_background {
+    const float *depth;   /* 1 per pixel; volumes and splats end there. Along the view, world units, infinite where nothing
+                             stands; or what the settings "background_depth_is" ("distance" along rays, "opengl") and
+                             "background_depth_range" ([near, far], of opengl) say */
+    size_t depth_count;
+    const float *rgba;    /* 4 per pixel, linear and premultiplied: it stands behind the scene */
+    size_t rgba_count;
+} ewa_background;
+
 typedef struct ewa_scene ewa_scene;        /* data with the options that turn them into kernels */
 typedef struct ewa_transfer ewa_transfer;  /* transfer function: values to colours and opacities */
 typedef struct ewa_camera ewa_camera;
@@ -192,6 +202,10 @@ ewa_status ewa_renderer_adapter(const ewa_renderer *renderer, char *buffer, size
  * "transfer_function", ... as in docs/python.md. */
 ewa_status ewa_render(ewa_renderer *renderer, const ewa_camera *camera, const char *settings, size_t width,
                       size_t height, const ewa_task *task, const ewa_buffers *buffers);
+/* As ewa_render, in front of what another renderer drew, and behind it. `background` may be NULL. */
+ewa_status ewa_render_over(ewa_renderer *renderer, const ewa_camera *camera, const char *settings, size_t width,
+                           size_t height, const ewa_background *background, const ewa_task *task,
+                           const ewa_buffers *buffers);
 /* Draws column densities to `count` (width times height) numbers of `type`, EWA_F32 or EWA_F64. `settings`: "of" (the quantity
  * that is summed, "mass" or a field), "mean" (the field whose mean along rays is drawn), "slice" (a coordinate along the
  * camera's axis), "tolerance", "filter", "low_pass", "cutoff", "clip". `pixel_area`: NULL, or receives a pixel's area; NAN under

@@ -69,6 +69,15 @@ pub(crate) struct Buffers {
     normals_count: usize,
 }
 
+/// `ewa_background`.
+#[repr(C)]
+pub(crate) struct Background {
+    depth: *const f32,
+    depth_count: usize,
+    rgba: *const f32,
+    rgba_count: usize,
+}
+
 /// Function that receives progress.
 type Observer = extern "C" fn(stage: *const c_char, done: f64, user: *mut c_void);
 
@@ -337,6 +346,27 @@ fn roomy<T>(buffer: *mut T, count: usize, expected: usize, name: &str) -> Result
         return Err(Failure::invalid(text));
     }
     Ok(!buffer.is_null())
+}
+
+/// Copies a buffer of floats; `None` for null.
+///
+/// # Errors
+/// Another count than expected.
+///
+/// # Safety
+/// The buffer is null, or valid for reads of as many numbers.
+unsafe fn floats(
+    buffer: *const f32,
+    count: usize,
+    expected: usize,
+    name: &str,
+) -> Result<Option<Vec<f32>>> {
+    if !roomy(buffer.cast_mut(), count, expected, name)? {
+        return Ok(None);
+    }
+    // SAFETY: as the caller guarantees; the reads need no alignment.
+    let copy = (0..count).map(|i| unsafe { buffer.add(i).read_unaligned() });
+    Ok(Some(copy.collect()))
 }
 
 /// Copies numbers to a buffer, unless it is null.
@@ -856,16 +886,58 @@ pub(crate) unsafe extern "C" fn ewa_render(
     task: *const Task,
     buffers: *const Buffers,
 ) -> i32 {
+    let none = std::ptr::null();
+    // SAFETY: as the header demands; without a background.
+    unsafe {
+        ewa_render_over(
+            renderer, camera, settings, width, height, none, task, buffers,
+        )
+    }
+}
+
+#[unsafe(no_mangle)]
+pub(crate) unsafe extern "C" fn ewa_render_over(
+    renderer: *const Renderer,
+    camera: *const Camera,
+    settings: *const c_char,
+    width: usize,
+    height: usize,
+    background: *const Background,
+    task: *const Task,
+    buffers: *const Buffers,
+) -> i32 {
     guarded(|| {
         // SAFETY: as the header demands.
-        let (renderer, camera, settings, task, own) = unsafe {
+        let (renderer, camera, settings, task, own, background) = unsafe {
             (
                 of(renderer, "renderer")?,
                 camera.as_ref(),
                 text(settings, "settings")?,
                 task_of(task),
                 of(buffers, "buffers")?,
+                background.as_ref(),
             )
+        };
+        // SAFETY: as the header demands.
+        let [depth, colours] = match background {
+            Some(own) => unsafe {
+                let pixels = |per_pixel| counted(width, height, per_pixel);
+                [
+                    floats(
+                        own.depth,
+                        own.depth_count,
+                        pixels(1),
+                        "depth of the background",
+                    )?,
+                    floats(
+                        own.rgba,
+                        own.rgba_count,
+                        pixels(4),
+                        "rgba of the background",
+                    )?,
+                ]
+            },
+            None => [None, None],
         };
         let room = |per_pixel| counted(width, height, per_pixel);
         let is_wanted = [
@@ -884,7 +956,15 @@ pub(crate) unsafe extern "C" fn ewa_render(
             let view = camera.map(|camera| &camera.0);
             let wanted = [with_depth, with_normals];
             let (size, session) = ([width, height], &renderer.0);
-            let drawn = pictures::render(session, view, size, settings, wanted, &task)?;
+            let drawn = pictures::render(
+                session,
+                view,
+                size,
+                settings,
+                [depth, colours],
+                wanted,
+                &task,
+            )?;
             let bytes = is_encoded.then(|| drawn.image.to_srgb8());
             Ok::<_, Failure>((drawn, bytes.unwrap_or_default()))
         })?;

@@ -6,7 +6,7 @@ use ewa_splat::session::{
     Arguments, ColumnRequest, Drawable, DrawnColumn, DrawnPicture, PictureRequest, Session, View,
     check_size, choice, drawing,
 };
-use ewa_splat::{Backend, Task};
+use ewa_splat::{Backend, DepthImage, Image, Task};
 
 use super::failure::{Failure, Result};
 use super::settings::Said;
@@ -47,17 +47,30 @@ fn checked(size: [usize; 2]) -> Result<()> {
 
 /// Draws a picture.
 ///
+/// - `behind`: depths and colours of a background, of the picture's size.
 /// - `wanted`: whether the caller has room for depths, and for normals.
 pub(crate) fn render(
     session: &Session,
     view: Option<&View>,
     size: [usize; 2],
     text: Option<&str>,
+    [depth, colours]: [Option<Vec<f32>>; 2],
     wanted: [bool; 2],
     task: &Task,
 ) -> Result<DrawnPicture> {
     checked(size)?;
     let mut drawing = Said::all(text, drawing)?;
+    let [width, height] = size;
+    drawing.backdrop.depth = depth.map(|depths| DepthImage {
+        width,
+        height,
+        depths,
+    });
+    drawing.backdrop.colours = colours.map(|rgba| Image {
+        width,
+        height,
+        pixels: rgba.as_chunks().0.to_vec(),
+    });
     let settings = &mut drawing.settings;
     let asked = [
         ("depth", &mut settings.depth),

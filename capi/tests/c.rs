@@ -6,8 +6,10 @@ use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::Arc;
 
 use ewa_splat::io::{Association, CellMesh, Dataset, Field, FieldSource, Geometry};
+use ewa_splat::render::Backdrop;
 use ewa_splat::sample::{
     BoundaryChoice, FunctionOptions, KernelOptions, PurposeOptions, SampleOptions, TransferChoice,
     scene,
@@ -16,7 +18,7 @@ use ewa_splat::scene::{
     Lattice, LatticeSpacing, Lighting, TransferDefaults, TransferFunction, Values,
 };
 use ewa_splat::view::{Along, Camera, DEFAULT_FOV_DEG, Lens};
-use ewa_splat::{ColumnSettings, Renderer, SceneOptions, Settings};
+use ewa_splat::{ColumnSettings, DepthImage, Image, Renderer, SceneOptions, Settings};
 use glam::{DMat3, DVec3};
 
 fn root() -> &'static Path {
@@ -177,6 +179,35 @@ fn particles_are_those_of_the_library() {
     );
     expected.extend(bytes(&renderer.depth().unwrap().depths));
     assert!(expected.chunks(16).any(|pixel| pixel[..4] != [0; 4]));
+    let is_wall = |i: usize| i % 96 < 48;
+    let depths = (0..96 * 72).map(|i| if is_wall(i) { 3.2 } else { f32::INFINITY });
+    let red = |i| {
+        if is_wall(i) {
+            [1.0, 0.0, 0.0, 1.0]
+        } else {
+            [0.0; 4]
+        }
+    };
+    let (width, height) = (96, 72);
+    let depth = DepthImage {
+        width,
+        height,
+        depths: depths.collect(),
+    };
+    let wall = Image {
+        width,
+        height,
+        pixels: (0..width * height).map(red).collect(),
+    };
+    let wall = Backdrop::new(depth).unwrap().with_colours(wall).unwrap();
+    let before = settings;
+    let settings = Settings {
+        depth: false,
+        backdrop: Some(Arc::new(wall)),
+        ..before
+    };
+    let over = renderer.render(&camera, &settings).unwrap();
+    expected.extend(bytes(over.pixels.as_flattened()));
     assert!(found == expected);
 }
 

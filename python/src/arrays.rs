@@ -5,10 +5,11 @@
 
 use ewa_splat::scene::Values;
 use ewa_splat::session::with_workers;
+use ewa_splat::{DepthImage, Image};
 use glam::{DVec2, DVec3};
 use numpy::{
-    Element, PyArrayDescrMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArray,
-    PyUntypedArrayMethods,
+    Element, PyArrayDescrMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
+    PyUntypedArray, PyUntypedArrayMethods,
 };
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
@@ -22,6 +23,12 @@ pub(crate) struct Numbers(pub(crate) Values);
 
 /// One-dimensional float32 array.
 pub(crate) struct Floats(pub(crate) Vec<f32>);
+
+/// Depths of pixels: float32 of shape (height, width).
+pub(crate) struct Plane(pub(crate) DepthImage);
+
+/// Pixels: float32 of shape (height, width, 4).
+pub(crate) struct Pixels(pub(crate) Image);
 
 fn no_layout(what: &str) -> PyErr {
     PyTypeError::new_err(format!("expected a contiguous array of {what}"))
@@ -84,6 +91,38 @@ impl<'a, 'py> FromPyObject<'a, 'py> for Floats {
         Ok(Self(
             slice.map_err(|_| no_layout("one dimension"))?.to_vec(),
         ))
+    }
+}
+
+impl<'a, 'py> FromPyObject<'a, 'py> for Plane {
+    type Error = PyErr;
+
+    fn extract(object: Borrowed<'a, 'py, PyAny>) -> PyResult<Self> {
+        let array = object.extract::<PyReadonlyArray2<'py, f32>>()?;
+        let slice = array.as_slice().map_err(|_| no_layout("pixels"))?;
+        Ok(Self(DepthImage {
+            width: array.shape()[1],
+            height: array.shape()[0],
+            depths: slice.to_vec(),
+        }))
+    }
+}
+
+impl<'a, 'py> FromPyObject<'a, 'py> for Pixels {
+    type Error = PyErr;
+
+    fn extract(object: Borrowed<'a, 'py, PyAny>) -> PyResult<Self> {
+        let array = object.extract::<PyReadonlyArray3<'py, f32>>()?;
+        let slice = array.as_slice().map_err(|_| no_layout("pixels"))?;
+        let (pixels, rest) = slice.as_chunks::<4>();
+        if array.shape()[2] != 4 || !rest.is_empty() {
+            return Err(no_layout("pixels of four numbers"));
+        }
+        Ok(Self(Image {
+            width: array.shape()[1],
+            height: array.shape()[0],
+            pixels: pixels.to_vec(),
+        }))
     }
 }
 

@@ -246,13 +246,32 @@ impl Renderer {
                 task: Some(task.clone()),
                 ..ReferenceSettings::default()
             };
+            let backdrop = drawing.backdrop.seen_by(&camera)?;
+            let colours = backdrop.as_ref().and_then(|backdrop| backdrop.colours());
+            let reference = ReferenceSettings {
+                background: reference.background.filter(|_| colours.is_none()),
+                ..reference
+            };
+            let settings = &Settings {
+                backdrop: backdrop.clone(),
+                ..settings.clone()
+            };
             let sampled = state.sample(&purpose, &of_boxes, &settings.clip, task)?;
-            let frame = match of_data {
-                false => Integrator::classified(&sampled.volumes, settings.classify)?
-                    .clipped(&settings.clip)
-                    .render(&camera, &reference)?,
+            let mut frame = match of_data {
+                false => {
+                    let integrator = Integrator::classified(&sampled.volumes, settings.classify)?;
+                    let integrator = integrator.clipped(&settings.clip);
+                    let integrator = match &backdrop {
+                        Some(backdrop) => integrator.ended(backdrop.depth().clone()),
+                        None => integrator,
+                    };
+                    integrator.render(&camera, &reference)?
+                }
                 true => of_field(&state, &sampled, settings, &camera, &reference)?,
             };
+            if let Some(backdrop) = &backdrop {
+                backdrop.lay_under(&mut frame.image, settings.background);
+            }
             Ok((frame, camera))
         })?;
         let dict = PyDict::new(py);
@@ -425,9 +444,13 @@ fn of_field(
     let Some(function) = volume.transfer_function.clone() else {
         return refuse("a field under a transfer function", "colours of its own");
     };
-    DataIntegrator::new((**dataset).clone(), field, function)?
-        .clipped(&settings.clip)
-        .render(camera, reference)
+    let integrator = DataIntegrator::new((**dataset).clone(), field, function)?;
+    let integrator = integrator.clipped(&settings.clip);
+    let integrator = match &settings.backdrop {
+        Some(backdrop) => integrator.ended(backdrop.depth().clone()),
+        None => integrator,
+    };
+    integrator.render(camera, reference)
 }
 
 /// Describes a camera as the package does.

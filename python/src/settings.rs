@@ -10,6 +10,7 @@ use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
+use crate::arrays::{Pixels, Plane};
 use crate::errors::exception;
 
 /// Keyword arguments, taken one by one.
@@ -151,7 +152,12 @@ pub(crate) fn open_options(dict: Option<&Bound<'_, PyDict>>) -> PyResult<Opening
 pub(crate) fn drawing(dict: Option<&Bound<'_, PyDict>>) -> PyResult<(Drawing, bool)> {
     all(dict, |said| {
         let is_measured = said.flag("measure_error")?.unwrap_or(false);
-        Ok((session::drawing(said)?, is_measured))
+        let depth = said.take::<Plane>("background_depth")?;
+        let colours = said.take::<Pixels>("background_image")?;
+        let mut drawing = session::drawing(said)?;
+        drawing.backdrop.depth = depth.map(|depth| depth.0);
+        drawing.backdrop.colours = colours.map(|colours| colours.0);
+        Ok((drawing, is_measured))
     })
 }
 

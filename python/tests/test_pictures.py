@@ -278,3 +278,42 @@ def test_legends_are_drawn_and_name_the_unit(wake, run, tmp_path):
     named = es.Volume.from_structured(nodes, density, name="density", unit="kg/m^3")
     other = es.Renderer(named, backend="cpu").render(size=(480, 360), legend=True)
     assert not np.array_equal(other.numpy(), image.numpy())
+
+
+def test_volumes_end_at_depths_of_other_renderers(wake):
+    nodes, density = wake
+    renderer = es.Renderer(es.structured(nodes, density), backend="cpu")
+    whole = renderer.render(size=SIZE)
+    camera = whole.camera
+    width, height = SIZE
+    middle = float(np.linalg.norm(np.asarray(camera.eye) - nodes.reshape(-1, 3).mean(0)))
+    depth = np.full((height, width), np.inf)
+    depth[:, width // 2 :] = middle
+    wall = np.zeros((height, width, 3))
+    wall[..., 1] = 0.5
+    ended = renderer.render(camera, SIZE, background_depth=depth)
+    over = renderer.render(camera, SIZE, background_depth=depth, background_image=wall)
+    bare = ended.numpy()
+    same(bare[:, : width // 2], whole.numpy()[:, : width // 2])
+    assert bare[..., 3].sum() < whole.numpy()[..., 3].sum()
+    expected = bare + (1 - bare[..., 3:]) * np.concatenate([wall, np.ones((height, width, 1))], 2)
+    assert np.allclose(over.numpy(), expected, atol=1e-6)
+    near, far = 0.01 * middle, 10 * middle
+    buffer = np.where(np.isinf(depth), 1, (far - near * far / depth) / (far - near))
+    kinds = dict(background_depth_is="opengl", background_depth_range=(near, far))
+    other = renderer.render(camera, SIZE, background_depth=buffer, **kinds)
+    assert np.allclose(other.numpy(), bare, atol=1e-4)
+    for wrong, word in [
+        (dict(background_depth=depth[1:]), "96 x 72"),
+        (dict(background_depth=np.full((height, width), np.nan)), "NaN"),
+        (dict(background_depth=wall), "height, width"),
+        (dict(background_depth_is="opengl"), "background_depth_range"),
+        (dict(background_depth_is="distance"), "backdrop"),
+        (dict(background_image=wall[..., 0]), "3 or 4"),
+    ]:
+        with pytest.raises(ValueError, match=word):
+            renderer.render(camera, SIZE, **wrong)
+    with pytest.raises(TypeError, match="linear"):
+        renderer.render(camera, SIZE, background_image=(wall * 255).astype(np.uint8))
+    with pytest.raises(TypeError, match="column densities"):
+        renderer.column_density(background_depth=depth)

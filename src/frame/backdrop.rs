@@ -169,6 +169,27 @@ impl Backdrop {
         })
     }
 
+    /// Draws the colours, if there are any, and a background behind them under a linear picture.
+    pub fn lay_under(&self, image: &mut Image, background: Option<[f32; 3]>) {
+        self.lay_under_blended(image, background, false);
+    }
+
+    /// As [`Self::lay_under`].
+    ///
+    /// - `in_codes`: whether to composite sRGB codes.
+    pub(crate) fn lay_under_blended(
+        &self,
+        image: &mut Image,
+        background: Option<[f32; 3]>,
+        in_codes: bool,
+    ) {
+        match (&self.colours, background) {
+            (Some(colours), Some(background)) => image.lay_on(&colours.over(background), in_codes),
+            (Some(colours), None) => image.lay_on(colours, in_codes),
+            (None, _) => {}
+        }
+    }
+
     /// Returns the depths.
     pub fn depth(&self) -> &DepthImage {
         &self.depth
@@ -177,6 +198,39 @@ impl Backdrop {
     /// Returns the colours, if there are any.
     pub fn colours(&self) -> Option<&Image> {
         self.colours.as_ref()
+    }
+}
+
+/// What a caller has of a backdrop before the camera is known.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct GivenBackdrop {
+    /// Depths.
+    pub depth: Option<DepthImage>,
+    /// What they measure.
+    pub kind: DepthKind,
+    /// Colours behind the scene.
+    pub colours: Option<Image>,
+}
+
+impl GivenBackdrop {
+    /// Returns the backdrop of pictures by a camera; `None` if nothing is given.
+    ///
+    /// # Errors
+    /// The errors of [`Backdrop::of_kind`] and [`Backdrop::with_colours`]; a kind without depths.
+    pub fn seen_by(&self, camera: &Camera) -> Result<Option<Arc<Backdrop>>> {
+        let backdrop = match (&self.depth, &self.colours) {
+            (None, _) if self.kind != DepthKind::Z => {
+                return Err(refusal("depths of the kind that is named", "none".into()));
+            }
+            (None, None) => return Ok(None),
+            (Some(depth), _) => Backdrop::of_kind(depth.clone(), self.kind, camera)?,
+            (None, Some(colours)) => Backdrop::without_depth(colours.width, colours.height),
+        };
+        let backdrop = match &self.colours {
+            Some(colours) => backdrop.with_colours(colours.clone())?,
+            None => backdrop,
+        };
+        Ok(Some(Arc::new(backdrop)))
     }
 }
 

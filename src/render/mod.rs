@@ -27,7 +27,7 @@ mod renderer;
 
 pub use crate::blocks::{LayerKind, Layers, SceneOptions};
 pub use crate::constants::{DEFAULT_LOW_PASS_VARIANCE_PX2, DEFAULT_TOLERANCE};
-pub use crate::frame::backdrop::{Backdrop, DepthKind};
+pub use crate::frame::backdrop::{Backdrop, DepthKind, GivenBackdrop};
 pub use crate::frame::backend::{Backend, OpenBackend};
 pub use crate::frame::settings::{
     Advanced, Blend, ColumnSettings, Composite, Order, Settings, Show,

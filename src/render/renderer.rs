@@ -643,15 +643,12 @@ pub(super) struct Behind {
 
 impl Behind {
     fn lay_under(&self, image: &mut Image) {
-        let Some(colours) = self.backdrop.as_ref().and_then(|b| b.colours()) else {
-            if let Some(background) = self.background {
-                image.lay_over(background);
+        match (&self.backdrop, self.background) {
+            (Some(backdrop), background) => {
+                backdrop.lay_under_blended(image, background, self.is_encoded);
             }
-            return;
-        };
-        match self.background {
-            Some(background) => image.lay_on(&colours.over(background), self.is_encoded),
-            None => image.lay_on(colours, self.is_encoded),
+            (None, Some(background)) => image.lay_over(background),
+            (None, None) => {}
         }
     }
 }

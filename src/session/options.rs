@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use super::arguments::{Arguments, choice, number, positive, range};
+use crate::frame::backdrop::{DepthKind, GivenBackdrop};
 use crate::frame::settings::{Advanced, Blend, Composite, Order, Settings, Show};
 use crate::io::{
     Dataset, LengthMeaning, OpenOptions, ParticleType, RawLayout, RawType, ReadAs, ScaleMeaning,
@@ -309,6 +310,8 @@ pub struct Drawing {
     pub transfer: Option<TransferChoice>,
     /// True if a colour bar is drawn into the picture.
     pub legend: bool,
+    /// What stands in the picture already. Arguments name its kind of depths; front ends add its images.
+    pub backdrop: GivenBackdrop,
 }
 
 /// Takes the settings of a picture.
@@ -448,8 +451,33 @@ pub fn drawing<A: Arguments>(said: &mut A) -> Result<Drawing, A::Error> {
         is_lit,
         transfer: said.transfer("transfer_function")?,
         legend: said.flag("legend")?.unwrap_or(false),
+        backdrop: GivenBackdrop {
+            kind: depth_kind(said)?,
+            ..GivenBackdrop::default()
+        },
     };
     Ok(drawing)
+}
+
+/// Takes the kind of the depths of a backdrop.
+///
+/// # Errors
+/// A range of planes for depths that are none of OpenGL, or none for those that are.
+fn depth_kind<A: Arguments>(said: &mut A) -> Result<DepthKind, A::Error> {
+    let name = "background_depth_is";
+    let names = [("z", 0), ("distance", 1), ("opengl", 2)];
+    let kind = choice(said, name, &names)?.unwrap_or_default();
+    match (kind, said.floats::<2>("background_depth_range")?) {
+        (2, Some([near, far])) => Ok(DepthKind::OpenGl { near, far }),
+        (2, None) => Err(A::refused(
+            "background_depth_range: expected the near and the far plane of opengl, found none",
+        )),
+        (_, Some(_)) => Err(A::refused(
+            "background_depth_range: expected background_depth_is opengl beside it, found another",
+        )),
+        (1, None) => Ok(DepthKind::Distance),
+        (_, None) => Ok(DepthKind::Z),
+    }
 }
 
 /// Returns the lighting that is asked for.

@@ -93,6 +93,7 @@ impl Session {
         if !drawing.has_low_pass {
             settings.low_pass_variance_px2 = ready.renderer.suitable_low_pass_px2();
         }
+        settings.backdrop = drawing.backdrop.seen_by(&camera)?;
         settings.task = Some(task.clone());
         of(state.opened(&camera)?, camera, settings)
     }

@@ -10,6 +10,7 @@
 mod common;
 
 mod annotations;
+mod backdrop;
 mod columns;
 mod commands;
 mod defaults;

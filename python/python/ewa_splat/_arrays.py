@@ -152,3 +152,26 @@ def vector(data: object, name: str, length: int = 3) -> list[float]:
 def dims3(shape: Sequence[int]) -> list[int]:
     """Return the shape of a grid of up to three dimensions as three numbers."""
     return [*shape, 1, 1][:3]
+
+
+def pixels(data: object, name: str, channels: tuple[int, ...]) -> NDArray[np.float32]:
+    """Return float32 of shape (height, width), or (height, width, 4) if there are channels; opaque without a fourth.
+
+    Raises
+    ------
+    ValueError
+        Of another shape.
+    """
+    array = numbers(data, name)
+    if not channels:
+        if array.ndim != 2:
+            raise ValueError(f"{name}: expected an array of shape (height, width), found {shape_text(array)}")
+        return narrowed(array, np.float32)
+    if array.ndim != 3 or array.shape[2] not in channels:
+        count = " or ".join(map(str, channels))
+        raise ValueError(f"{name}: expected an array of shape (height, width, {count}), found {shape_text(array)}")
+    if array.dtype.kind in "ui":
+        raise TypeError(f"{name}: expected linear colours from 0 to 1, found {array.dtype}; decode sRGB codes first")
+    if array.shape[2] == 3:
+        array = np.concatenate([array, np.ones_like(array[..., :1])], axis=2)
+    return narrowed(array, np.float32)

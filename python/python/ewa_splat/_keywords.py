@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict
 import numpy as np
 
 if TYPE_CHECKING:
+    import numpy.typing as npt
+
     from ._transfer import TransferLike
 
 
@@ -85,6 +87,11 @@ class Drawing(TypedDict, total=False):
     order              "auto", "distance" or "depth": the order in which kernels hide one another
     clip               planes (nx, ny, nz, d) that keep nx x + ny y + nz z + d >= 0, or boxes (x0, y0, z0, x1, y1, z1)
     background         linear (r, g, b) behind everything
+    background_depth   depths of what another renderer drew from the same camera, (height, width): volumes and splats
+                       end there; infinite where nothing stands
+    background_depth_is "z", "distance" (along each ray) or "opengl" (0 to 1): what these depths are
+    background_depth_range (near, far): the planes of an OpenGL depth
+    background_image   what it drew, behind the scene: (height, width, 3 or 4), linear, premultiplied
     legend             whether a colour bar is drawn into the picture
     depth, normals     whether `Image.depth` and `Image.normals` are wanted
     measure_error      whether the error is measured in a hundredth of the picture
@@ -110,6 +117,10 @@ class Drawing(TypedDict, total=False):
     order: Literal["auto", "distance", "depth"]
     clip: Sequence[Sequence[float]]
     background: Sequence[float]
+    background_depth: npt.ArrayLike
+    background_depth_is: Literal["z", "distance", "opengl"]
+    background_depth_range: tuple[float, float]
+    background_image: npt.ArrayLike
     legend: bool
     depth: bool
     normals: bool
@@ -146,7 +157,7 @@ def sampling(keywords: dict[str, Any]) -> dict[str, Any]:
 
 def drawing(keywords: dict[str, Any]) -> dict[str, Any]:
     """Convert the keywords of pictures to the form that the compiled part accepts."""
-    from ._arrays import vector
+    from ._arrays import pixels, vector
     from ._transfer import choice
 
     said = dict(keywords)
@@ -155,6 +166,10 @@ def drawing(keywords: dict[str, Any]) -> dict[str, Any]:
         said["transfer_function"] = choice(said["transfer_function"])
     if said.get("background") is not None:
         said["background"] = vector(said["background"], "background")
+    if said.get("background_depth") is not None:
+        said["background_depth"] = pixels(said["background_depth"], "background_depth", ())
+    if said.get("background_image") is not None:
+        said["background_image"] = pixels(said["background_image"], "background_image", (3, 4))
     if said.get("lights") is not None:
         said["lights"] = lights_of(said["lights"])
     if said.get("clip") is not None:

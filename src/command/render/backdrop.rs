@@ -1,13 +1,11 @@
 //! Defines the options of what stands in a picture already, as another renderer drew it.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 
 use crate::command::parse;
 use crate::io::{read_depth, read_image};
-use crate::render::{Backdrop, DepthKind};
-use crate::view::Camera;
-use crate::{DepthImage, Error, Image, Result};
+use crate::render::{DepthKind, GivenBackdrop};
+use crate::{Error, Result};
 use clap::{Args, ValueEnum};
 
 #[derive(Args)]
@@ -29,7 +27,7 @@ pub(in crate::command) struct BackdropOptions {
     background_image: Option<PathBuf>,
     /// The files, once they are read.
     #[arg(skip)]
-    read: Option<Read>,
+    pub(in crate::command) given: GivenBackdrop,
 }
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
@@ -40,11 +38,6 @@ enum DepthName {
     Distance,
     /// A depth buffer of OpenGL, 0 to 1, between the planes of --depth-in-range
     Opengl,
-}
-
-struct Read {
-    depth: Option<DepthImage>,
-    colours: Option<Image>,
 }
 
 impl BackdropOptions {
@@ -72,28 +65,12 @@ impl BackdropOptions {
         let colours = colours.map(read_image).transpose()?;
         let size = depth.as_ref().map(|depth| [depth.width, depth.height]);
         let size = size.or(colours.as_ref().map(|image| [image.width, image.height]));
-        self.read = size.map(|_| Read { depth, colours });
+        self.given = GivenBackdrop {
+            depth,
+            kind: self.kind(),
+            colours,
+        };
         Ok(size)
-    }
-
-    /// Returns the backdrop of a picture by a camera.
-    ///
-    /// # Errors
-    /// Depths out of their range; files of different sizes.
-    pub(in crate::command) fn backdrop(&self, camera: &Camera) -> Result<Option<Arc<Backdrop>>> {
-        let Some(read) = &self.read else {
-            return Ok(None);
-        };
-        let backdrop = match (&read.depth, &read.colours) {
-            (Some(depth), _) => Backdrop::of_kind(depth.clone(), self.kind(), camera)?,
-            (None, Some(colours)) => Backdrop::without_depth(colours.width, colours.height),
-            (None, None) => return Ok(None),
-        };
-        let backdrop = match &read.colours {
-            Some(colours) => backdrop.with_colours(colours.clone())?,
-            None => backdrop,
-        };
-        Ok(Some(Arc::new(backdrop)))
     }
 
     fn kind(&self) -> DepthKind {

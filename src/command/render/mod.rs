@@ -117,7 +117,7 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
         return arguments.integrate(truth, &camera, low_pass, &overlays, prepared);
     }
     let settings = Settings {
-        backdrop: arguments.backdrop.backdrop(&camera)?,
+        backdrop: arguments.backdrop.given.seen_by(&camera)?,
         ..arguments.settings(low_pass)
     };
     let blend = blend_of(&renderer, &settings)?;

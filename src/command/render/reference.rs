@@ -23,7 +23,7 @@ impl Arguments {
         overlays: &Overlays,
         prepared: Prepared,
     ) -> Result<()> {
-        let backdrop = self.backdrop.backdrop(camera)?;
+        let backdrop = self.backdrop.given.seen_by(camera)?;
         let colours = backdrop.as_ref().and_then(|backdrop| backdrop.colours());
         let truth = match &backdrop {
             Some(backdrop) => truth.ended(backdrop.depth()),
@@ -43,10 +43,8 @@ impl Arguments {
             truth.render(camera, &settings)
         })?;
         let frame_ms = start.elapsed().as_secs_f64() * 1e3;
-        if let Some(colours) = colours {
-            let behind = self.background();
-            let behind = behind.map_or_else(|| colours.clone(), |behind| colours.over(behind));
-            frame.image.lay_on(&behind, false);
+        if let Some(backdrop) = &backdrop {
+            backdrop.lay_under(&mut frame.image, self.background());
         }
         overlays.write(&self.out, &frame.image)?;
         if let Some(path) = &self.output.stats {

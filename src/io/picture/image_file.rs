@@ -660,6 +660,51 @@ mod tests {
     }
 
     #[test]
+    fn depths_of_other_programs_are_found_by_their_channels() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.exr");
+        let write = |names: &[&str], layer: Option<&str>| {
+            let channel = |(i, name): (usize, &&str)| {
+                let sample = 10.0 * i as f32;
+                let samples = exr::FlatSamples::F32(vec![sample + 1.0, sample + 2.0]);
+                exr::AnyChannel::new(*name, samples)
+            };
+            let channels = names.iter().enumerate().map(channel).collect();
+            let mut attributes = exr::LayerAttributes::default();
+            attributes.layer_name = layer.map(exr::Text::from);
+            let layer = exr::Layer::new(
+                (2, 1),
+                attributes,
+                ExrEncoding::FAST_LOSSLESS,
+                exr::AnyChannels::sort(channels),
+            );
+            let image = exr::Image::from_layer(layer);
+            image.write().to_file(&path).unwrap();
+        };
+        let read = || read_depth(&path).map(|depth| depth.depths);
+        write(&["Z"], None);
+        assert_eq!(read().unwrap(), [1.0, 2.0]);
+        write(&["A", "B", "G", "R", "Z"], None);
+        assert_eq!(read().unwrap(), [41.0, 42.0]);
+        // As Blender writes a view layer.
+        write(
+            &[
+                "ViewLayer.Combined.R",
+                "ViewLayer.Depth.V",
+                "ViewLayer.Normal.Z",
+            ],
+            None,
+        );
+        assert_eq!(read().unwrap(), [11.0, 12.0]);
+        write(&["ViewLayer.Depth.Z", "ViewLayer.Normal.Z"], None);
+        assert_eq!(read().unwrap(), [1.0, 2.0]);
+        write(&["Y"], None);
+        assert_eq!(read().unwrap(), [1.0, 2.0]);
+        write(&["R", "G", "B"], None);
+        assert!(read().unwrap_err().to_string().contains("B, G, R"));
+    }
+
+    #[test]
     fn a_png_holds_straight_srgb() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.png");
