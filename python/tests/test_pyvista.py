@@ -267,6 +267,7 @@ def test_text_and_scalar_bars_are_above():
     handle = es.pyvista.add(made, cube(np.ones_like(VALUES)), transfer_function=FOG)
     made.camera.zoom(6)
     covered = picture(made)
+    handle.scalar_bar()
     bar = handle.scalar_bar()
     made.add_text("text", position=(90, 70), color="red", font_size=12)
     drawn = picture(made)
@@ -494,7 +495,11 @@ def test_errors_name_what_is_wrong():
 
 
 def test_what_cannot_be_drawn_is_said_once():
-    for change in (lambda made: made.enable_anti_aliasing("ssaa"), lambda made: made.set_scale(zscale=2)):
+    for change in (
+        lambda made: made.enable_anti_aliasing("ssaa"),
+        lambda made: made.set_scale(zscale=2),
+        lambda made: made.camera.SetViewShear(0.2, 0.1, 1.0),
+    ):
         made = plotter()
         es.pyvista.add(made, cube())
         change(made)
@@ -502,7 +507,7 @@ def test_what_cannot_be_drawn_is_said_once():
             warnings.simplefilter("always")
             picture(made)
         said = [str(warning.message) for warning in caught if "ewa_splat" in str(warning.message)]
-        assert len(said) == 1 and re.search("passes|scaled", said[0]), said
+        assert len(said) == 1 and re.search("passes|scaled|shears", said[0]), said
 
 
 def test_the_page_runs(monkeypatch, tmp_path):

@@ -39,14 +39,17 @@ def view_of(renderer: Any) -> tuple[dict[str, Any], NDArray[np.float64]]:
     """
     camera = renderer.GetActiveCamera()
     width, height, _, _ = region_of(renderer)
-    world = _matrix(camera.GetViewTransformMatrix())
+    world = _matrix(camera.GetModelViewTransformMatrix())
     turn = world[:3, :3]
-    if not np.allclose(turn @ turn.T, np.eye(3), atol=1e-9):
-        raise ValueError("camera: expected a view that turns and moves, found one that shears or scales")
     projection = _matrix(camera.GetProjectionTransformMatrix(renderer.GetTiledAspectRatio(), -1.0, 1.0))
     is_parallel = projection[3, 2] == 0.0
     # Shifts of the picture's middle, in halves of its size: a window centre, or a tile of a larger picture.
-    shift = projection[:2, 3] if is_parallel else -projection[:2, 2]
+    shift, shear = projection[:2, 3], projection[:2, 2]
+    if not is_parallel:
+        shift, shear = -shear, shift
+    is_sheared = bool(shear.any() or projection[0, 1] or projection[1, 0])
+    if is_sheared or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-9):
+        raise ValueError("camera: expected a view that turns and moves, found one that shears or scales")
     view = {
         "kind": "calibrated",
         "eye": (-turn.T @ world[:3, 3]).tolist(),

@@ -48,6 +48,7 @@ class Actor(vtk.Actor):
     """Things in a plotter of PyVista; see `ewa_splat.vtk.Actor`."""
 
     _plotter: Any = None
+    _bar_title = ""
 
     def _add(self, plotter: Any, renderer: Any) -> Actor:
         self._plotter = weakref.ref(plotter)
@@ -58,15 +59,22 @@ class Actor(vtk.Actor):
 
     def remove(self) -> None:
         """Take the things out of their plotter, and their scalar bar."""
-        plotter = self._plotter() if self._plotter is not None else None
-        if plotter is not None and self._bar is not None:
-            plotter.remove_scalar_bar(self._bar_title)
-            self._bar = None
+        self._remove_bar()
         super().remove()
         self._changed()
 
+    def _remove_bar(self) -> None:
+        plotter = self._known_plotter()
+        # The user may have removed it.
+        if plotter is not None and self._bar is not None and self._bar_title in plotter.scalar_bars:
+            plotter.remove_scalar_bar(self._bar_title, render=False)
+        self._bar = None
+
+    def _known_plotter(self) -> Any:
+        return self._plotter() if self._plotter is not None else None
+
     def _changed(self) -> None:
-        plotter = self._plotter() if self._plotter is not None else None
+        plotter = self._known_plotter()
         if plotter is not None and plotter.render_window is not None:
             # Before the first picture this does nothing.
             plotter.render()
@@ -89,13 +97,14 @@ class Actor(vtk.Actor):
         ValueError
             Things with their own colours.
         """
-        plotter = self._plotter() if self._plotter is not None else None
-        if plotter is None:
+        plotter = self._known_plotter()
+        if plotter is None or self._where.Get() is None:
             raise ValueError("scalar_bar: expected a handle in a plotter, found one that was not added")
         title = self._title() if title is None else title
         mapper = importlib.import_module("pyvista").DataSetMapper()
         mapper.lookup_table = self.lookup_table
         mapper.scalar_range = self.lookup_table.GetTableRange()
+        self._remove_bar()
         self._bar = plotter.add_scalar_bar(title=title, mapper=mapper, **settings)
         self._bar_title = title
         return self._bar
