@@ -134,6 +134,39 @@ def test_a_cone_stands_half_in_a_cube_of_fog(is_parallel):
     assert differ[~flat].max() <= 2.0
 
 
+def test_splats_and_volumes_blend_as_before_an_image():
+    """What scenes show is `background_image` under the picture, in the things' own space of colours."""
+    turns = [[1.0, 0, 0, 0]] * 20
+    random = np.random.default_rng(2)
+    centres, colours = random.uniform(-0.7, 0.7, (20, 3)), random.uniform(0, 1, (20, 3))
+    splats = es.Splats.from_arrays(centres, [[0.2] * 3] * 20, turns, [0.6] * 20, colors=colours)
+    for thing, is_encoded in [(es.Renderer(splats, backend="cpu"), True), (cube(), False)]:
+        made = plotter()
+        made.add_mesh(pv.Cone(), color="tan")
+        handle = es.pyvista.add(made, thing)
+        found = picture(made)
+        handle.visible = False
+        behind = _vtk.linear_of(picture(made).astype(np.uint8))
+        camera = es.vtk.camera_of(made.renderer)
+        image = thing.render(camera, SIZE, background_depth=depths_in(made), background_image=behind)
+        expected = _vtk.codes_of(image.numpy()[..., :3]).astype(int)
+        assert handle._is_encoded is is_encoded
+        assert (expected != _vtk.codes_of(behind)).any(-1).mean() > 0.05
+        # Rounding to codes.
+        assert np.abs(found - expected).max() <= 1
+
+
+def depths_in(made) -> np.ndarray:
+    """Depths of a plotter's meshes by VTK's own filter."""
+    filter_ = vtk.vtkWindowToImageFilter()
+    filter_.SetInput(made.render_window)
+    filter_.SetInputBufferTypeToZBuffer()
+    filter_.ReadFrontBufferOff()
+    filter_.Update()
+    buffer = pv.wrap(filter_.GetOutput()).active_scalars.reshape(SIZE[::-1])[::-1]
+    return _vtk.depths_of(buffer, _vtk.view_of(made.renderer)[1])
+
+
 def test_the_scene_is_as_before_where_no_fog_is():
     bare, made = plotter(), plotter()
     for one in (bare, made):
@@ -458,6 +491,10 @@ def test_lookup_tables_are_shared():
     table.apply_cmap("viridis", n_values=6)
     table.alpha_range = (0.0, 0.5)
     assert np.abs(picture(made) - first).max() > 20, "a changed table is drawn"
+    bar = handle.scalar_bar()
+    assert bar.GetLookupTable() is table
+    handle.update(transfer_function="magma")
+    assert bar.GetLookupTable() is handle.lookup_table is not table
 
 
 def test_tables_follow_the_function():

@@ -205,6 +205,8 @@ class Actor:
         self._last = None
         if self._table is not None:
             self._fill_table()
+        if self._bar is not None:
+            self._bar.SetLookupTable(self.lookup_table)
 
     def _blends_encoded(self, settings: dict[str, Any]) -> bool:
         """Return whether colours are composited as sRGB codes. Settings that contradict each other are found by this.
