@@ -104,8 +104,8 @@ def beside(mask: np.ndarray) -> np.ndarray:
 def test_a_cone_stands_half_in_a_cube_of_fog(is_parallel):
     """Colours of VTK's geometry under our fog against rays in numpy.
 
-    Pixels on the cone's outline and on the cube's are left out: VTK blends the samples of a pixel there, and the cube's
-    kernels fade over a part of a pixel.
+    Pixels on the cone's outline and on the cube's are left out: VTK blends the samples of a pixel there, which has one
+    depth, and the cube's kernels fade over a part of a pixel.
     """
     made = plotter()
     cone = pv.Cone(center=(0.6, 0.2, 0.1), direction=(1, 0.3, 0.2), height=1.6, radius=0.7, resolution=24)
@@ -130,8 +130,16 @@ def test_a_cone_stands_half_in_a_cube_of_fog(is_parallel):
     assert flat.mean() < 0.15
     inside = is_solid & ~flat & (np.abs(expected - 255 * np.array([0.9, 0.5, 0.1])).max(-1) > 4)
     assert inside.sum() > 500, "a part of the cone is in the fog"
-    # Two codes: the library's tolerance of one, and rounding of the scene's colours before and after.
-    assert differ[~flat].max() <= 2.0
+    # Two codes in nearly all pixels: the library's tolerance of one, of 99.9 % of pixels, and rounding of the scene's
+    # colours before and after.
+    assert np.percentile(differ[~flat], 99.9) <= 2.0 and differ[~flat].max() <= 3.0
+    # On the cone's outline, colours lie between those beside it, up to the part of a pixel's background that no fog
+    # covers: less than half of it. With any sample's depth this is 57.
+    edge = beside(is_solid) & beside(~is_solid)
+    wide = np.pad(expected, ((1, 1), (1, 1), (0, 0)), mode="edge")
+    near = np.stack([wide[i : i + SIZE[1], j : j + SIZE[0]] for i in range(3) for j in range(3)])
+    beyond = np.maximum(near.min(0) - found, found - near.max(0)).max(-1)
+    assert beyond[edge].max() < 45
 
 
 def test_splats_and_volumes_blend_as_before_an_image():
@@ -142,6 +150,7 @@ def test_splats_and_volumes_blend_as_before_an_image():
     splats = es.Splats.from_arrays(centres, [[0.2] * 3] * 20, turns, [0.6] * 20, colors=colours)
     for thing, is_encoded in [(es.Renderer(splats, backend="cpu"), True), (cube(), False)]:
         made = plotter()
+        made.render_window.SetMultiSamples(0)
         made.add_mesh(pv.Cone(), color="tan")
         handle = es.pyvista.add(made, thing)
         found = picture(made)

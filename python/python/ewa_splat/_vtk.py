@@ -84,6 +84,22 @@ def depths_of(buffer: NDArray[np.float32], projection: NDArray[np.float64]) -> N
     return np.where(buffer < 1.0, depths, np.inf).astype(np.float32)
 
 
+def of_outlines(depths: NDArray[np.float32], codes: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Return depths that suit the colours of pixels with several samples, of which a depth buffer holds any one.
+
+    A pixel that a mesh covers in part has a part of its opacity. It gets the depth of what covers most of it.
+    """
+    coverage = codes[..., 3]
+    is_behind = (coverage < 128) & (coverage > 0)
+    is_before = (coverage >= 128) & (coverage < 255) & np.isinf(depths)
+    if not (is_behind.any() or is_before.any()):
+        return depths
+    height, width = depths.shape
+    wide = np.pad(depths, 1, constant_values=np.inf)
+    nearest = np.min([wide[i : i + height, j : j + width] for i in range(3) for j in range(3)], axis=0)
+    return np.where(is_behind, np.inf, np.where(is_before, nearest, depths)).astype(np.float32)
+
+
 # Colours --------------------------------------------------------------------------------------------------------------
 
 

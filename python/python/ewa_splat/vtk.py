@@ -348,14 +348,16 @@ class Actor:
         is_coarse = window.GetDesiredUpdateRate() >= MOVING_RATE
         state = (view, is_coarse, self._renderer._changes)
         if self._last is not None and self._last[0] == state:
-            _, last_near, last_codes, picture = self._last
+            _, last_near, last_codes, picture, is_drawn = self._last
             if np.array_equal(near, last_near) and np.array_equal(codes, last_codes):
-                self._put(window, corners, picture)
+                self._put(window, corners, picture, is_drawn)
                 return
-        light = self._light(view, _vtk.depths_of(near, projection), COARSE_STEP if is_coarse else 1)
+        depths = _vtk.of_outlines(_vtk.depths_of(near, projection), codes)
+        light = self._light(view, depths, COARSE_STEP if is_coarse else 1)
         picture = _vtk.composited(light, codes, in_codes=self._is_encoded)
-        self._last = (state, near.copy(), codes.copy(), picture)
-        self._put(window, corners, picture)
+        is_drawn = light.any(axis=-1)
+        self._last = (state, near.copy(), codes.copy(), picture, is_drawn)
+        self._put(window, corners, picture, is_drawn)
 
     def _is_in_place(self) -> bool:
         box = self._box.Get()
@@ -365,12 +367,21 @@ class Actor:
         return all(matrix.GetElement(i, j) == (i == j) for i in range(4) for j in range(4))
 
     @staticmethod
-    def _put(window: Any, corners: tuple[int, ...], picture: NDArray[np.uint8]) -> None:
+    def _put(window: Any, corners: tuple[int, ...], picture: NDArray[np.uint8], is_drawn: NDArray[np.bool_]) -> None:
+        """Write a picture into the frame.
+
+        Colours are written where something was drawn alone: a pixel with several samples keeps them elsewhere.
+        """
         bridge = _vtk.classes("util.numpy_support")
-        array = bridge.numpy_to_vtk(picture[::-1].reshape(-1, 4), deep=True)
+        masked = np.concatenate([picture[..., :3], np.where(is_drawn[..., None], 255, 0).astype(np.uint8)], axis=-1)
         # The library's own device may have had another context.
         window.MakeCurrent()
-        window.SetRGBACharPixelData(*corners, array, 0, 0, 0)
+        state = window.GetState()
+        for pixels, blends, channels in ((masked, 1, (1, 1, 1, 0)), (picture, 0, (0, 0, 0, 1))):
+            state.vtkglColorMask(*channels)
+            array = bridge.numpy_to_vtk(pixels[::-1].reshape(-1, 4), deep=True)
+            window.SetRGBACharPixelData(*corners, array, 0, blends, 0)
+        state.vtkglColorMask(1, 1, 1, 1)
 
     def _light(self, view: dict[str, Any], depths: NDArray[np.float32], step: int) -> NDArray[np.float32]:
         """Draw the things up to depths, premultiplied. Pixels are `step` wide, so that the scene itself remains sharp."""
