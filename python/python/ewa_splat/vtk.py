@@ -355,7 +355,7 @@ class Actor:
         depths = _vtk.of_outlines(_vtk.depths_of(near, projection), codes)
         light = self._light(view, depths, COARSE_STEP if is_coarse else 1)
         picture = _vtk.composited(light, codes, in_codes=self._is_encoded)
-        is_drawn = light.any(axis=-1)
+        is_drawn = np.asarray(light.any(axis=-1))
         self._last = (state, near.copy(), codes.copy(), picture, is_drawn)
         self._put(window, corners, picture, is_drawn)
 
