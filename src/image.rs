@@ -1,6 +1,11 @@
 //! Defines the images that a render returns: linear, premultiplied, f32.
 
+mod deep;
+
 use crate::constants::{SRGB_GAMMA, SRGB_LINEAR_END, SRGB_OFFSET, SRGB_SCALE, SRGB_SLOPE};
+
+pub(crate) use deep::part_of;
+pub use deep::{DeepImage, DeepSample, DepthOf};
 
 /// An image of linear premultiplied RGBA in f32, rows from the top.
 #[derive(Debug, Clone, PartialEq, Default)]

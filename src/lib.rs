@@ -247,7 +247,7 @@ pub use ranks as distributed;
 pub use wgpu;
 
 pub use error::{Error, Result};
-pub use image::{ColumnImage, DepthImage, Image, NormalImage};
+pub use image::{ColumnImage, DeepImage, DepthImage, Image, NormalImage};
 pub use render::{
     Backend, Blend, Classification, ColumnSettings, Composite, Filter, Order, Renderer,
     RendererOptions, SceneOptions, Settings, Show,

@@ -139,9 +139,9 @@ int main(void) {
     INVALID(ewa_render(renderer, NULL, "{\"tolerance\": 2}", 8, 8, NULL, &good), "tolerance");
     INVALID(ewa_render(renderer, NULL, "{\"depth\": true}", 8, 8, NULL, &good), "depth");
     INVALID(ewa_render(renderer, odd, NULL, 8, 8, NULL, &good), "camera");
-    float none[64];
-    for (int i = 0; i < 64; i++) none[i] = 0.0f / 0.0f;
-    const ewa_background short_of = {none, 63, NULL, 0}, not_there = {NULL, 64, NULL, 0}, nan = {none, 64, NULL, 0};
+    float no_depth[64];
+    for (int i = 0; i < 64; i++) no_depth[i] = 0.0f / 0.0f;
+    const ewa_background short_of = {no_depth, 63, NULL, 0}, not_there = {NULL, 64, NULL, 0}, nan = {no_depth, 64, NULL, 0};
     INVALID(ewa_render_over(renderer, camera, NULL, 8, 8, &short_of, NULL, &good), "64 numbers, found 63");
     INVALID(ewa_render_over(renderer, camera, NULL, 8, 8, &not_there, NULL, &good), "depth of the background");
     INVALID(ewa_render_over(renderer, camera, NULL, 8, 8, &nan, NULL, &good), "NaN");

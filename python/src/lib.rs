@@ -5,6 +5,7 @@
 
 mod arrays;
 mod camera;
+mod deep;
 mod drawable;
 mod errors;
 mod pictures;
@@ -16,6 +17,8 @@ mod task;
 /// The compiled part of `ewa_splat`.
 #[pyo3::pymodule]
 mod _core {
+    #[pymodule_export]
+    use super::deep::Deep;
     #[pymodule_export]
     use super::drawable::Drawable;
     #[pymodule_export]

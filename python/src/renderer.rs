@@ -20,6 +20,7 @@ use pyo3::types::PyDict;
 
 use crate::arrays::Numbers;
 use crate::camera::View;
+use crate::deep::Deep;
 use crate::drawable::Drawable;
 use crate::settings::{drawing, transfer};
 use crate::task::run;
@@ -187,6 +188,30 @@ impl Renderer {
         dict.set_item("field", name)?;
         dict.set_item("unit", unit)?;
         Ok(dict)
+    }
+
+    /// Draws a deep image. Returns it with its camera.
+    #[pyo3(signature = (view, size, said))]
+    fn render_deep<'py>(
+        &self,
+        py: Python<'py>,
+        view: Option<View>,
+        size: [usize; 2],
+        said: Option<&Bound<'py, PyDict>>,
+    ) -> PyResult<(Deep, Bound<'py, PyDict>)> {
+        checked(size)?;
+        let (drawing, _) = drawing(said)?;
+        let view = view.map(View::view);
+        let request = PictureRequest {
+            view: view.as_ref(),
+            size,
+            drawing: &drawing,
+        };
+        let (deep, camera) = self.with_picture(py, request, false, |ready, camera, settings| {
+            let deep = ready.renderer.render_deep(&camera, &settings)?;
+            Ok((deep, camera))
+        })?;
+        Ok((Deep(deep), described(py, &camera)?))
     }
 
     /// Integrates the reference image, of kernels or of data, in f64, and rounds it.

@@ -282,7 +282,7 @@ def test_legends_are_drawn_and_name_the_unit(wake, run, tmp_path):
 
 def test_volumes_end_at_depths_of_other_renderers(wake):
     nodes, density = wake
-    renderer = es.Renderer(es.structured(nodes, density), backend="cpu")
+    renderer = es.Renderer(es.Volume.from_structured(nodes, density), backend="cpu")
     whole = renderer.render(size=SIZE)
     camera = whole.camera
     width, height = SIZE
@@ -317,3 +317,51 @@ def test_volumes_end_at_depths_of_other_renderers(wake):
         renderer.render(camera, SIZE, background_image=(wall * 255).astype(np.uint8))
     with pytest.raises(TypeError, match="column densities"):
         renderer.column_density(background_depth=depth)
+
+
+def test_deep_images_are_those_that_openexr_reads(wake, tmp_path):
+    OpenEXR = needs("OpenEXR")
+    nodes, density = wake
+    renderer = es.Renderer(es.Volume.from_structured(nodes, density), backend="cpu")
+    size = (48, 36)
+    tolerance = 1 / 64
+    deep = renderer.render_deep(size=size, tolerance=tolerance, opaque_edges=False)
+    camera = deep.camera
+    whole = renderer.render(camera, size, tolerance, opaque_edges=False)
+    assert np.allclose(deep.before().numpy(), whole.numpy(), atol=1e-5)
+    deep.save(tmp_path / "deep.exr")
+    part = OpenEXR.File(str(tmp_path / "deep.exr")).parts[0]
+    channels = part.channels
+    front, back, rgba = deep.samples
+    first = 0
+    middle = np.full((size[1], size[0]), np.inf, np.float32)
+    for y in range(size[1]):
+        for x in range(size[0]):
+            count = deep.counts[y, x]
+            own = slice(first, first + count)
+            first += count
+            z = channels["Z"].pixels[y, x]
+            if count == 0:
+                assert z is None or len(z) == 0
+                continue
+            assert np.array_equal(z, front[own])
+            assert np.array_equal(channels["ZBack"].pixels[y, x], back[own])
+            assert np.array_equal(channels["RGBA"].pixels[y, x], rgba[own])
+            # As OpenEXR composites: depths of a sample's parts are even.
+            middle[y, x] = 0.5 * (front[own][0] + back[own][-1])
+    assert first == len(front) > 1000
+    drawn = renderer.render(camera, size, tolerance, background_depth=middle, opaque_edges=False).numpy()
+    off = np.abs(drawn - deep.before(middle).numpy()).max(axis=2)
+    assert np.quantile(off, 0.999) < tolerance
+    median, mean = deep.depth("median"), deep.depth("mean")
+    seen = np.isfinite(median)
+    assert (deep.depth("entry")[seen] <= median[seen]).all() and (median[seen] <= deep.depth("exit")[seen]).all()
+    assert np.array_equal(seen, np.isfinite(mean))
+    left = deep.transmittance(float(np.median(mean[seen])))
+    assert ((left >= 1 - whole.numpy()[..., 3] - 1e-5) & (left <= 1)).all()
+    with pytest.raises(ValueError, match="median"):
+        deep.depth("nearest")
+    with pytest.raises(TypeError, match="legend"):
+        renderer.render_deep(legend=True)
+    with pytest.raises(ValueError, match="backdrop"):
+        renderer.render_deep(camera, size, background_depth=middle)

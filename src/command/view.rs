@@ -23,7 +23,7 @@ use crate::{Backend, Error, Renderer, Result, Settings, Task};
 const PROGRAM: &str = "ewa-splat-view";
 
 /// Identifiers of the options of `render` that write files, or that the window does not have.
-const OF_FILES: [&str; 23] = [
+const OF_FILES: [&str; 25] = [
     "out",
     "stats",
     "depth",
@@ -47,6 +47,8 @@ const OF_FILES: [&str; 23] = [
     "depth_in_is",
     "depth_in_range",
     "background_image",
+    "deep",
+    "depth_of",
 ];
 
 #[derive(Args)]

@@ -40,6 +40,7 @@ pub(crate) use self::parts::rows::ROWS;
 pub use self::parts::rows::RowFile;
 pub use self::picture::column_file::{column_colours, column_look, column_picture, write_column};
 pub use self::picture::count_file::write_count;
+pub use self::picture::deep_file::{check_deep_path, write_deep};
 pub use self::picture::image_file::{
     check_depth_path, check_folder, check_image_path, png_bytes, read_depth, read_image,
     write_depth, write_image, write_normals,

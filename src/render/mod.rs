@@ -12,12 +12,14 @@
 //! | `renderer.rs` | a scene, its back ends and its images |
 //! | `levels.rs` | the choice of coarser lattices |
 //! | `column.rs` | column densities |
+//! | `deep.rs` | deep images |
 //! | `device.rs` | the caller's devices and textures; frames without waiting |
 //! | `pick.rs` | the particles that a pixel shows |
 
 mod baked;
 mod column;
 mod column_mean;
+mod deep;
 #[cfg(feature = "gpu")]
 mod device;
 mod levels;

@@ -20,9 +20,9 @@ use glam::{DVec2, DVec3};
 use crate::common::Random;
 use crate::common::scene::{camera, difference};
 
-const SIZE: [usize; 2] = [48, 40];
+pub(crate) const SIZE: [usize; 2] = [48, 40];
 
-fn eye(projection: Projection) -> Camera {
+pub(crate) fn eye(projection: Projection) -> Camera {
     let focal = match projection {
         Projection::Perspective => 60.0,
         Projection::Orthographic => 10.0,
@@ -65,7 +65,7 @@ fn ball_and_plane(camera: &Camera) -> Backdrop {
 }
 
 /// Returns overlapping kernels about the point (0, 0, 6).
-fn cloud() -> PointVolume {
+pub(crate) fn cloud() -> PointVolume {
     let mut random = Random::new(41);
     let positions: Vec<DVec3> = (0..300)
         .map(|_| DVec3::Z * 6.0 + random.point(1.2))
@@ -88,7 +88,7 @@ fn cloud() -> PointVolume {
 }
 
 /// Returns a tilted square of surfels that passes through the ball and the plane.
-fn sheet() -> PointVolume {
+pub(crate) fn sheet() -> PointVolume {
     let step = 0.1;
     let mut positions = Vec::new();
     for y in -12..=12 {

@@ -27,6 +27,7 @@ mod column_scenes;
 mod composite;
 mod covered_faces;
 mod cut_faces;
+mod deep;
 mod detail;
 mod exchange;
 mod extent;

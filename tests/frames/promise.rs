@@ -533,7 +533,7 @@ fn crowds_are_within_the_tolerance_of_exact_pictures() {
     let volume = crowd(500, 400.0, &mut random, members);
     volumes.push(("on one side".into(), volume));
     let mut table = Table::default();
-    for (name, volume) in volumes {
+    for (name, volume) in some(volumes, 0, 2) {
         let is_chain = name.contains("chain");
         let mut renderer = Renderer::new(vec![volume]).unwrap();
         let (camera, middle) = fitted(&renderer, CROWD_SIZE).unwrap();
@@ -765,7 +765,7 @@ fn hold_zoom(name: &str, volume: PointVolume) {
     let (camera, middle) = fitted(&renderer, START_PX as usize).unwrap();
     let mut table = Table::default();
     let mut footprints: Vec<usize> = Vec::new();
-    let exact_steps = some((0..STEPS).step_by(2), 0, 3);
+    let exact_steps = some((0..STEPS).step_by(2), 0, 5);
     for step in 0..STEPS {
         let shrunk = (END_PX / START_PX).powf(f64::from(step) / f64::from(STEPS - 1));
         let far = nearer(&camera, middle, shrunk);

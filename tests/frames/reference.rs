@@ -505,7 +505,7 @@ fn the_pixel_filter_is_a_gaussian_over_the_image() {
     }));
     let integrator = integrator(&particles);
     let camera = scene::camera(Projection::Perspective, [12.0; 2], [9, 7]);
-    for h2 in some([0.3, 4.0, 1.0], 0, 2) {
+    for h2 in some([0.3, 4.0, 1.0], 2, 3) {
         let frame = filtered(&integrator, &camera, h2, 1e-6);
         assert_eq!(frame.unconverged, 0);
         for [x, y] in [[4, 3], [8, 5]] {
@@ -550,7 +550,7 @@ fn a_stated_error_is_kept_by_pixels() {
         // Sub-pixel needles and points among wide kernels, which lattices may miss.
         let mut random = Random::new(100 + seed);
         let mut particles = cloud(seed, 6);
-        particles.extend((0..40).map(|_| Particle {
+        particles.extend((0..24).map(|_| Particle {
             position: DVec3::Z * 6.0 + random.point(2.0),
             factor: {
                 let largest = random.log_range(0.03, 0.3);
@@ -561,9 +561,9 @@ fn a_stated_error_is_kept_by_pixels() {
         }));
         let integrator = integrator(&particles);
         let camera = scene::camera(Projection::Perspective, [20.0; 2], [6, 5]);
-        let truth = filtered(&integrator, &camera, 1.0, 1e-5);
+        let truth = filtered(&integrator, &camera, 1.0, 3e-5);
         assert_eq!(truth.unconverged, 0);
-        for error in [1e-2, 1e-3, 1e-4] {
+        for error in [1e-2, 1e-3] {
             let frame = filtered(&integrator, &camera, 1.0, error);
             let pairs = frame.pixels.iter().zip(&truth.pixels);
             let off = pairs.map(|(a, b)| largest(a, b)).fold(0.0, f64::max);
@@ -639,13 +639,13 @@ fn a_tree_and_a_list_find_the_same_kernels() {
                 ..ReferenceSettings::default()
             };
             let frame = integrator(&particles).render(&camera, &settings).unwrap();
-            for (i, pixel) in frame.pixels.iter().enumerate() {
+            let alone = |p: &Particle| integrator(std::slice::from_ref(p));
+            let alone: Vec<Integrator> = particles.iter().map(alone).collect();
+            let pixels = some(frame.pixels.iter().enumerate(), 0, 2);
+            for (i, pixel) in pixels {
                 let px = DVec2::new((i % 13) as f64, (i / 13) as f64) + 0.5;
-                let of = |p: &Particle| {
-                    let alone = integrator(std::slice::from_ref(p));
-                    depth(alone.ray(&camera, px, 1e-12).rgba[3])
-                };
-                let sum: f64 = particles.iter().map(of).sum();
+                let of = |one: &Integrator| depth(one.ray(&camera, px, 1e-12).rgba[3]);
+                let sum: f64 = alone.iter().map(of).sum();
                 let error = (pixel[3] + (-sum).exp_m1()).abs();
                 assert!(error < 1e-12, "{error:e} at {px}");
             }

@@ -74,14 +74,7 @@ fn options(function: &TransferFunction, refines: bool) -> SampleOptions {
 }
 
 /// Returns the root mean square difference of a picture of kernels from that of the field.
-fn error(data: &Dataset, refines: bool) -> (f64, Sampled) {
-    let sampled = volume(data.clone(), &options(&shells(), refines)).unwrap();
-    let mut renderer = Renderer::new(vec![sampled.volume.clone()]).unwrap();
-    let settings = Settings {
-        low_pass_variance_px2: 0.15,
-        ..Settings::default()
-    };
-    let image = renderer.render(&camera(SIZE), &settings).unwrap().clone();
+fn errors(data: &Dataset) -> (f64, f64, Sampled) {
     let truth = DataIntegrator::new(data.clone(), "f", shells()).unwrap();
     let truth = truth.render(
         &camera(SIZE),
@@ -92,13 +85,25 @@ fn error(data: &Dataset, refines: bool) -> (f64, Sampled) {
         },
     );
     let truth = truth.unwrap().pixels;
-    let squares = truth.iter().enumerate().map(|(i, truth)| {
-        let own = image.pixel(i % SIZE, i / SIZE);
-        let square = |c: usize| (f64::from(own[c]) - truth[c]).powi(2);
-        (0..4).map(square).sum::<f64>()
-    });
-    let mean = squares.sum::<f64>() / (4 * truth.len()) as f64;
-    (mean.sqrt(), sampled)
+    let error = |refines: bool| {
+        let sampled = volume(data.clone(), &options(&shells(), refines)).unwrap();
+        let mut renderer = Renderer::new(vec![sampled.volume.clone()]).unwrap();
+        let settings = Settings {
+            low_pass_variance_px2: 0.15,
+            ..Settings::default()
+        };
+        let image = renderer.render(&camera(SIZE), &settings).unwrap().clone();
+        let squares = truth.iter().enumerate().map(|(i, truth)| {
+            let own = image.pixel(i % SIZE, i / SIZE);
+            let square = |c: usize| (f64::from(own[c]) - truth[c]).powi(2);
+            (0..4).map(square).sum::<f64>()
+        });
+        let mean = squares.sum::<f64>() / (4 * truth.len()) as f64;
+        (mean.sqrt(), sampled)
+    };
+    let (plain, _) = error(false);
+    let (refined, sampled) = error(true);
+    (plain, refined, sampled)
 }
 
 #[test]
@@ -106,8 +111,7 @@ fn refined_kernels_are_nearer_to_the_field_between_nodes() {
     let cells = Geometry::Cells(hexahedra(&warped(7)));
     for (geometry, most) in [(lattice(7), 0.7), (grid(warped(7)), 0.7), (cells, 0.8)] {
         let data = at_nodes(geometry, field);
-        let (plain, _) = error(&data, false);
-        let (refined, sampled) = error(&data, true);
+        let (plain, refined, sampled) = errors(&data);
         let report = sampled.report;
         println!(
             "{plain:.4} {refined:.4} {} of {}",
@@ -140,8 +144,7 @@ fn refined_kernels_are_nearer_to_values_of_cells() {
     let mut pictures = Vec::new();
     for geometry in [Geometry::Cells(mesh.clone()), grid(warped(9))] {
         let data = Dataset::new("test".as_ref(), "test", geometry, fields.clone());
-        let (plain, _) = error(&data, false);
-        let (refined, sampled) = error(&data, true);
+        let (plain, refined, sampled) = errors(&data);
         let report = sampled.report;
         println!(
             "{plain:.4} {refined:.4} {} of {}",

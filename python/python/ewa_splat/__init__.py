@@ -15,7 +15,7 @@ Image(160 x 120)
 from ._adapt import adapt
 from ._camera import Camera
 from ._driver import quiet as _quiet
-from ._image import Column, Image, compare
+from ._image import Column, DeepImage, Image, compare
 from ._keywords import Drawing, Sampling
 from ._notebook import view
 from ._renderer import Picked, Renderer, convert, measure
@@ -30,6 +30,7 @@ Thing = Drawable
 __all__ = [
     "Camera",
     "Column",
+    "DeepImage",
     "Drawable",
     "Drawing",
     "Image",

@@ -112,6 +112,56 @@ class Image:
         return f"Image({width} x {height})"
 
 
+class DeepImage:
+    """Colours and opacities along the ray of each pixel, in samples of depth.
+
+    Depths are world units along the view. Within a sample the optical depth is spread evenly.
+
+    Attributes
+    ----------
+    camera
+        Camera of the picture.
+    """
+
+    def __init__(self, deep: _core.Deep, camera: Camera) -> None:
+        self._deep = deep
+        self.camera = camera
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """Number of samples of each pixel, (height, width)."""
+        return self._deep.counts()
+
+    @cached_property
+    def samples(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+        """Fronts (n,), backs (n,) and linear RGBA (n, 4), premultiplied, of all samples: row by row, front to back."""
+        return self._deep.samples()
+
+    def before(self, depth: ArrayLike | None = None) -> Image:
+        """Return the picture in front of the depths of another renderer, (height, width); the whole one without them."""
+        ends = None if depth is None else _arrays.pixels(depth, "depth", ())
+        return Image(self._deep.before(ends), camera=self.camera)
+
+    def transmittance(self, depth: float) -> NDArray[np.float32]:
+        """Return the share of light that reaches the eye from a depth, (height, width)."""
+        return self._deep.transmittance(depth)
+
+    def depth(self, of: str) -> NDArray[np.float32]:
+        """Return a depth of each pixel, infinite where it is transparent.
+
+        Parameters
+        ----------
+        of
+            "half", where half of the light from behind is lost; "entry" and "exit", where all but a 256th of the pixel's
+            opacity lies behind and in front; "median", where half of it is reached; "mean", weighted by opacity.
+        """
+        return self._deep.depth(of)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a deep OpenEXR 2 file (.exr) with the channels A, B, G, R, Z and ZBack."""
+        self._deep.write(os.fspath(path))
+
+
 class Column:
     """A column density, the mean of a field along each pixel's ray, or a slice through a field.
 

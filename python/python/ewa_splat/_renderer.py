@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _arrays, _core
 from ._camera import Camera
-from ._image import Column, Image
+from ._image import Column, DeepImage, Image
 from ._keywords import Drawing, drawing, lights_of
 from ._scene import Drawable
 from ._transfer import TransferFunction, TransferLike, choice
@@ -133,6 +133,37 @@ class Renderer:
             stats=told["stats"],
             error=told["error"],
         )
+
+    def render_deep(
+        self,
+        camera: Camera | None = None,
+        size: tuple[int, int] = (800, 600),
+        tolerance: float = 1 / 255,
+        transfer_function: TransferLike = _KEPT,
+        **settings: Unpack[Drawing],
+    ) -> DeepImage:
+        """Draw a deep image: colours and opacities along the ray of each pixel.
+
+        Something that is put at any depth into it looks as if it were drawn with `background_depth`, within about the
+        tolerance. This takes some ten to a hundred pictures. Backgrounds, legends, depths and normals are left out.
+
+        Parameters
+        ----------
+        camera, size, tolerance, transfer_function, **settings
+            As in `render`.
+
+        Raises
+        ------
+        ValueError
+            As `render`; a background depth, or splats that are composited in sRGB codes.
+        """
+        for name in settings:
+            if name in ("legend", "depth", "normals", "background", "background_image", "measure_error"):
+                raise TypeError(f"{name}: deep images have no such setting")
+        said = drawing({"tolerance": tolerance, **settings})
+        self._choose(transfer_function)
+        deep, camera_told = self._core.render_deep(_view(camera), _size(size), said)
+        return DeepImage(deep, Camera({"kind": "calibrated"} | camera_told))
 
     def column_density(
         self,

@@ -9,7 +9,7 @@ use crate::command::outputs::{check_collisions, paths};
 use crate::command::statistics::is_standard_output;
 use crate::command::usage::{CLASSIFIED, is_filtered, is_surface, refuse_beside, refuse_unused};
 use crate::command::{animation, ranks};
-use crate::io::{check_depth_path, check_folder, check_image_path};
+use crate::io::{check_deep_path, check_depth_path, check_folder, check_image_path};
 use crate::load::Loaded;
 use crate::render::nothing_lit;
 use crate::scene::{Particles, PointVolume};
@@ -57,6 +57,9 @@ impl Arguments {
     /// Checks that all outputs can be written and overwrite no input.
     pub(in crate::command) fn check_outputs(&self) -> Result<()> {
         self.check_sequence()?;
+        if let Some(path) = &self.output.deep {
+            check_deep_path(path)?;
+        }
         let layers = [&self.output.depth, &self.output.normals];
         for path in layers.into_iter().flatten() {
             check_depth_path(path)?;
@@ -71,6 +74,7 @@ impl Arguments {
             Some(&self.out),
             self.output.depth.as_ref(),
             self.output.normals.as_ref(),
+            self.output.deep.as_ref(),
             stats,
             self.output.write_transfer_function.as_ref(),
         ];

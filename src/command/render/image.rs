@@ -5,7 +5,7 @@ use super::options::Arguments;
 use crate::command::annotations::Overlays;
 use crate::command::progress::note;
 use crate::command::statistics::{Prepared, stats, write_stats};
-use crate::io::{write_count, write_depth, write_normals};
+use crate::io::{write_count, write_deep, write_depth, write_normals};
 use crate::measure::{ErrorSample, SampledError};
 use crate::render::{Blend, Composite, Layers};
 use crate::stages::blocks::BlockedVolume;
@@ -81,7 +81,8 @@ impl Arguments {
         } else {
             overlays.write(&self.out, renderer.image())?;
         }
-        if let (Some(path), Some(depth)) = (&self.output.depth, renderer.depth()) {
+        let of_deep = self.output.depth_of.of_deep();
+        if let (Some(path), Some(depth), None) = (&self.output.depth, renderer.depth(), of_deep) {
             write_depth(path, depth)?;
         }
         if let (Some(path), Some(normals)) = (&self.output.normals, renderer.normals()) {
@@ -107,6 +108,17 @@ impl Arguments {
             stats["measured_error"] = json!(error);
             if self.output.stats.is_none() {
                 progress.suspend(|| note!("{}", in_words(&error, asked, settings.tolerance)));
+            }
+        }
+        if self.output.deep.is_some() || of_deep.is_some() {
+            progress.set_message("drawing depths");
+            let deep = renderer.render_deep(camera, &settings)?;
+            if let (Some(path), Some(of)) = (&self.output.depth, of_deep) {
+                write_depth(path, &deep.depth(of))?;
+            }
+            if let Some(path) = &self.output.deep {
+                write_deep(path, &deep)?;
+                stats["deep_samples"] = json!(deep.samples.len());
             }
         }
         if let Some(path) = &self.output.stats {

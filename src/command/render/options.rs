@@ -13,6 +13,7 @@ use crate::command::parse::{Background, Clip};
 use crate::command::sequence::SequenceOptions;
 use crate::command::truth::ReferenceName;
 use crate::command::viewpoint::CameraOptions;
+use crate::image::DepthOf;
 use crate::load::Input;
 use crate::scene::ScaleName;
 use clap::{Args, ValueEnum};
@@ -288,6 +289,36 @@ pub(in crate::command) enum ShowName {
     Count,
 }
 
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+pub(in crate::command) enum DepthOfName {
+    /// The kernel at which half the light is gone
+    Kernel,
+    /// Where half of the light from behind is gone, within kernels
+    Half,
+    /// Where the first 256th of the pixel's opacity lies
+    Entry,
+    /// Where all but a 256th of the pixel's opacity is reached
+    Exit,
+    /// Where half of the pixel's own opacity is reached
+    Median,
+    /// The mean of the depths, weighted by what each adds to the opacity
+    Mean,
+}
+
+impl DepthOfName {
+    /// Returns the depth of a deep image; `None` for that of kernels.
+    pub(in crate::command) fn of_deep(self) -> Option<DepthOf> {
+        match self {
+            Self::Kernel => None,
+            Self::Half => Some(DepthOf::Half),
+            Self::Entry => Some(DepthOf::Entry),
+            Self::Exit => Some(DepthOf::Exit),
+            Self::Median => Some(DepthOf::Median),
+            Self::Mean => Some(DepthOf::Mean),
+        }
+    }
+}
+
 #[derive(Args)]
 #[command(next_help_heading = "Output")]
 pub(in crate::command) struct Output {
@@ -304,6 +335,14 @@ pub(in crate::command) struct Output {
     /// Write the depth at which half the light is gone: exr, pfm or npy
     #[arg(long, value_name = "FILE")]
     pub(in crate::command) depth: Option<PathBuf>,
+    /// What --depth writes, if not the depth of the kernel at which half the light is gone
+    #[arg(long, value_enum, default_value = "kernel", requires = "depth")]
+    pub(in crate::command) depth_of: DepthOfName,
+    /// Write a deep image: colours and opacities along the ray of each pixel, so that another program can put things at
+    /// any depth into the picture; exr
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["reference", "column_density", "mpi", "depth_in",
+          "background_image", "turntable", "camera_path", "series", "show"])]
+    pub(in crate::command) deep: Option<PathBuf>,
     /// Write the transfer function that is drawn as a JSON file, which --transfer-function reads
     #[arg(long, value_name = "FILE")]
     pub(in crate::command) write_transfer_function: Option<PathBuf>,

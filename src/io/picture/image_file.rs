@@ -53,7 +53,7 @@ pub fn check_depth_path(path: &Path) -> Result<()> {
     check_path(path, DEPTH_EXTENSIONS)
 }
 
-fn check_path(path: &Path, known: &str) -> Result<()> {
+pub(in crate::io) fn check_path(path: &Path, known: &str) -> Result<()> {
     let extension = extension(path);
     if !known
         .split([',', ' '])
