@@ -5,6 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
+from conftest import needs
 
 import ewa_splat as es
 
@@ -271,15 +272,11 @@ def test_misspelt_keywords_name_the_nearest():
 
 
 def test_cameras_of_pyvista_keep_their_projection():
-    class Theirs:
-        position = focal_point = up = None
-        parallel_projection, parallel_scale, view_angle = False, 1.0, 30.0
-
-    theirs = Theirs()
+    theirs = needs("pyvista").Camera()
     es.Camera.look_at((0, -5, 1), (0, 0, 0), ortho_height=3.0).to_pyvista(theirs)
     assert theirs.parallel_projection and theirs.parallel_scale == 1.5
     drawn = renderer().render(CAMERA, (SIDE, SIDE)).camera
     drawn.to_pyvista(theirs)
     assert theirs.parallel_scale == pytest.approx(0.6)
     es.Camera.look_at((0, -5, 1), (0, 0, 0), fov=40.0).to_pyvista(theirs)
-    assert not theirs.parallel_projection and theirs.view_angle == 40.0
+    assert not theirs.parallel_projection and theirs.view_angle == 40.0 and theirs.position == (0, -5, 1)

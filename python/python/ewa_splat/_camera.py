@@ -155,17 +155,16 @@ class Camera:
         Parameters
         ----------
         camera_position
-            ``plotter.camera_position``, (position, focal point, view up); or ``plotter.camera``, which also has an angle
-            and a projection.
+            ``plotter.camera_position``, (position, focal point, view up); or ``plotter.camera`` or another `vtkCamera`,
+            which also have an angle and a projection. `ewa_splat.vtk.camera_of` knows a window's shifts, too.
         view_angle
             The vertical field of view, degrees; VTK's default is 30.
         """
-        if hasattr(camera_position, "parallel_projection"):
+        if hasattr(camera_position, "GetViewUp"):
             camera = camera_position
-            scale = 2.0 * float(camera.parallel_scale) if camera.parallel_projection else None
-            return cls.look_at(
-                camera.position, camera.focal_point, camera.up, fov=float(camera.view_angle), ortho_height=scale
-            )
+            scale = 2.0 * camera.GetParallelScale() if camera.GetParallelProjection() else None
+            place = (camera.GetPosition(), camera.GetFocalPoint(), camera.GetViewUp())
+            return cls.look_at(*place, fov=camera.GetViewAngle(), ortho_height=scale)
         position, focal_point, up = list(camera_position)
         return cls.look_at(position, focal_point, up, fov=view_angle)
 
@@ -175,8 +174,8 @@ class Camera:
         Parameters
         ----------
         camera
-            ``plotter.camera``, if it is to be set: position, direction up, and the angle or the parallel projection with
-            its scale.
+            ``plotter.camera`` or another `vtkCamera`, if it is to be set: position, direction up, the angle or the
+            parallel projection with its scale, and the picture's middle.
 
         Raises
         ------
@@ -185,6 +184,7 @@ class Camera:
         """
         view = self._view
         scale = angle = None
+        middle = (0.0, 0.0)
         if view["kind"] == "look_at":
             place = [tuple(view["eye"]), tuple(view["target"]), tuple(view["up"])]
             if view.get("ortho_height") is not None:
@@ -199,15 +199,26 @@ class Camera:
             if view.get("orthographic"):
                 scale = half
             angle = math.degrees(2.0 * math.atan(half))
+            size, centre = view["size"], view.get("centre_px")
+            if centre is not None:
+                middle = (1.0 - 2.0 * centre[0] / size[0], 2.0 * centre[1] / size[1] - 1.0)
         else:
             raise ValueError("camera: expected one with a place, found one that is fitted to data; take Image.camera")
         if camera is not None:
-            camera.position, camera.focal_point, camera.up = place
-            camera.parallel_projection = scale is not None
-            if scale is None:
-                camera.view_angle = angle
+            camera.SetWindowCenter(*middle)
+            if hasattr(camera, "up"):
+                # PyVista keeps more than VTK does, behind attributes of its own.
+                camera.position, camera.focal_point, camera.up = place
+                camera.parallel_projection = scale is not None
             else:
-                camera.parallel_scale = scale
+                camera.SetPosition(place[0])
+                camera.SetFocalPoint(place[1])
+                camera.SetViewUp(place[2])
+                camera.SetParallelProjection(scale is not None)
+            if scale is None:
+                camera.SetViewAngle(angle)
+            else:
+                camera.SetParallelScale(scale)
         return place
 
     def orbit(self, azimuth: float = 0.0, elevation: float = 0.0) -> Camera:

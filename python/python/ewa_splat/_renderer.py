@@ -84,6 +84,8 @@ class Renderer:
             raise ValueError("things: expected something to draw, found none")
         self._things = [adapt(thing) for thing in things]
         self._core = _core.Renderer([thing._core for thing in self._things], backend, keep_shapes)
+        # Counts changes of values and of transfer functions, for pictures that are kept.
+        self._changes = 0
 
     @property
     def things(self) -> list[Drawable]:
@@ -323,10 +325,12 @@ class Renderer:
         if convert is None:
             raise ValueError("values: expected a volume of arrays, found a thing of another kind")
         self._core.set_values(thing, convert(values))
+        self._changes += 1
 
     def set_transfer_function(self, transfer_function: TransferLike) -> None:
         """Set the transfer function of all classified data; ``None`` chooses one from the values."""
         self._core.set_transfer_function({"transfer_function": choice(transfer_function)})
+        self._changes += 1
 
     @property
     def transfer_functions(self) -> list[TransferFunction | None]:
