@@ -17,6 +17,7 @@ mod edits;
 mod formats;
 #[cfg(feature = "gpu")]
 mod gpu;
+mod json;
 mod manners;
 #[cfg(all(target_os = "linux", feature = "prepared"))]
 mod memory;
@@ -25,3 +26,4 @@ mod scenes;
 mod splats;
 mod usage;
 mod values;
+mod verify;

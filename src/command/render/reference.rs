@@ -2,6 +2,7 @@
 
 use std::time::Instant;
 
+use super::ending::{Drawn, Facts};
 use super::options::Arguments;
 use crate::Result;
 use crate::command::annotations::Overlays;
@@ -36,8 +37,9 @@ impl Arguments {
             truth.render(camera, &settings)
         })?;
         let frame_ms = start.elapsed().as_secs_f64() * 1e3;
-        overlays.write(&self.out, &frame.image)?;
-        if let Some(path) = &self.output.stats {
+        let facts = Facts::of_reference(settings.error, frame.error);
+        self.end(&Drawn::Picture(&*overlays.drawn(&frame.image)?), &facts)?;
+        if let Some(path) = self.beside(self.output.stats.as_ref()) {
             let stats = json!({
                 "particles": truth.particle_count(),
                 "cells_left_out": truth.cells_left_out(),
