@@ -221,7 +221,6 @@ mod tests {
             "a/b",
             "--camera-path",
             "/home/someone/c.json",
-            "--reference=data",
         ]);
         let expected = [
             "render",
@@ -246,10 +245,13 @@ mod tests {
             "a/b",
             "--camera-path",
             "c.json",
-            "--reference=data",
         ];
         assert_eq!(typed.words, expected);
         assert_eq!(typed.files, [Path::new(data), Path::new(data)]);
+        // The value was not typed; without it, the next word could be taken for one.
+        let typed = self::typed(&["render", "--reference", "--out", "a.png", "b.vtu"]);
+        let expected = ["render", "--reference=kernels", "--out", "a.png", "b.vtu"];
+        assert_eq!(typed.words, expected);
     }
 
     /// A new option that names a file is either an output here or an input.

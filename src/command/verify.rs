@@ -16,7 +16,9 @@ use super::render::{self, BackendName, Comparison, DEFAULT_TILES, Ending, Found}
 use super::typed::{Role, renamed};
 use super::{Command, words};
 use crate::io::{StoredPicture, read_stored};
+use crate::load::input::transfer_of;
 use crate::opened;
+use crate::sample::TransferChoice;
 use crate::{Backend, Error, Result};
 
 /// Greatest number of entries of folders that are searched for inputs.
@@ -311,19 +313,20 @@ impl<'a> Search<'a> {
     /// Returns the file that a word of the command stands for. If there is none, or another one, this is noted.
     fn find(&mut self, path: &Path, role: Role) -> Result<PathBuf> {
         let name = name_of(path);
+        if role == Role::Output {
+            return Ok(name.into());
+        }
         let mut entries = self.record.inputs.iter().filter(|own| own.file == name);
         let asked = self.asked.entry(name.clone()).or_default();
         let entry = entries.nth(*asked);
         *asked += 1;
         let Some(entry) = entry else {
-            return match role {
-                // No file is taken that the record does not name.
-                Role::Input => {
-                    self.faults.push((name.clone(), Fault::Missing));
-                    Ok(name.into())
-                }
-                Role::InputOrName | Role::Output => Ok(name.into()),
-            };
+            // No file is taken that the record does not list.
+            let is_file = matches!(transfer_of(&name), TransferChoice::File(_));
+            if role == Role::Input || is_file {
+                self.faults.push((name.clone(), Fault::Missing));
+            }
+            return Ok(name.into());
         };
         let mut fault = Fault::Missing;
         for candidate in self.candidates(&name) {

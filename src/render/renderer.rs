@@ -408,6 +408,10 @@ impl Renderer {
         });
         let background = self.take_background(&mut plan, settings);
         let mut report = self.draw(&plan)?;
+        if tiles.is_some() {
+            // Plans of some tiles draw into the images of samples.
+            std::mem::swap(&mut self.images, &mut self.samples);
+        }
         for region in self.regions(&plan, settings, tiles)? {
             let finer = region.plan(&self.scene, &plan, settings)?;
             let samples = self.draw(&finer)?;

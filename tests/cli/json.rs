@@ -47,7 +47,11 @@ const LINES: [(&str, &str); 33] = [
 
 fn json(line: &[&str]) -> Value {
     let output = run(Path::new("."), line);
-    assert!(output.status.success(), "{line:?}: {}", text(&output.stderr));
+    assert!(
+        output.status.success(),
+        "{line:?}: {}",
+        text(&output.stderr)
+    );
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
@@ -75,13 +79,12 @@ fn each_line_of_info_has_its_key() {
     let folder = tempfile::tempdir().unwrap();
     let prepared = folder.path().join("p.arrow");
     let prepared = prepared.to_str().unwrap();
-    let (wake, splats) = (fixture("wake.xyz"), folder.path().join("s.spz"));
+    let (particles, splats) = (fixture("particles.csv"), folder.path().join("s.spz"));
     let splats = splats.to_str().unwrap();
-    json(&["convert", &wake, "--out", prepared, "--json"]);
-    json(&["convert", &fixture("vase.obj"), "--out", splats, "--json"]);
+    json(&["convert", &particles, "--out", prepared, "--json"]);
+    json(&["convert", &particles, "--out", splats, "--json"]);
     let names = [
         "wake.xyz",
-        "vase.obj",
         "vase.glb",
         "particles.csv",
         "gadget_types.h5",
@@ -104,7 +107,10 @@ fn each_line_of_info_has_its_key() {
         let words = text(&output.stdout);
         for line in words.lines().take_while(|line| !line.is_empty()) {
             let label = line.get(..18).unwrap_or(line).trim_end();
-            let label = match LINES.iter().find(|(known, _)| line.starts_with(&format!("{known} "))) {
+            let label = match LINES
+                .iter()
+                .find(|(known, _)| line.starts_with(&format!("{known} ")))
+            {
                 _ if label.is_empty() => continue,
                 Some((known, _)) if known.len() >= 18 => known,
                 _ => label,
@@ -123,11 +129,18 @@ fn each_line_of_info_has_its_key() {
     assert!(seen.len() > 24, "{seen:?}");
     // Requirements and rules have keys of their own, which are those of the library.
     let documented = documentation();
-    let top = json(&["info", "--json", &wake]);
+    let top = json(&["info", "--json", &particles]);
     for key in top.as_object().unwrap().keys() {
         assert!(documented.contains(&format!("`{key}`")), "{key}");
     }
-    for key in ["geometry", "fields", "particle_types", "kernels", "up", "axes"] {
+    for key in [
+        "geometry",
+        "fields",
+        "particle_types",
+        "kernels",
+        "up",
+        "axes",
+    ] {
         assert!(found.contains(key), "{key}");
     }
 }
@@ -136,23 +149,41 @@ fn each_line_of_info_has_its_key() {
 fn keys_of_other_commands_are_documented() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-    let (wake, splats) = (fixture("wake.xyz"), at("s.ply"));
+    let (particles, splats) = (fixture("particles.csv"), at("s.ply"));
     let documented = documentation();
     let check = |object: &Value| {
         for key in object.as_object().unwrap().keys() {
             assert!(documented.contains(&format!("`{key}`")), "{key}");
         }
     };
-    check(&json(&["convert", &fixture("vase.obj"), "--out", &splats, "--json"]));
-    check(&json(&["convert", &wake, "--out", &at("p.arrow"), "--json"]));
+    check(&json(&["convert", &particles, "--out", &splats, "--json"]));
+    check(&json(&[
+        "convert",
+        &particles,
+        "--out",
+        &at("p.arrow"),
+        "--json",
+    ]));
     for name in ["a.exr", "b.exr"] {
-        let line = ["render", &wake, "--size", "40x30", "--out", &at(name)];
+        let line = ["render", &particles, "--size", "40x30", "--out", &at(name)];
         assert!(run(folder.path(), &line).status.success());
     }
-    let compared = json(&["compare", &at("a.exr"), &at("b.exr"), "--difference", &at("d.png"), "--json"]);
+    let compared = json(&[
+        "compare",
+        &at("a.exr"),
+        &at("b.exr"),
+        "--difference",
+        &at("d.png"),
+        "--json",
+    ]);
     assert!(compared["difference"]["brightest"].is_number());
     check(&compared);
-    let data = Path::new(&wake).parent().unwrap().to_str().unwrap().to_owned();
+    let data = Path::new(&particles)
+        .parent()
+        .unwrap()
+        .to_str()
+        .unwrap()
+        .to_owned();
     let verified = json(&["verify", &at("a.exr"), "--data", &data, "--json"]);
     check(&verified);
     let formats = json(&["formats", "--json"]);
@@ -170,7 +201,17 @@ fn measure_prints_its_report() {
     let folder = tempfile::tempdir().unwrap();
     let particles = fixture("particles.csv");
     let line = [
-        "measure", &particles, "--size", "16x16", "--frames", "1", "--reference-error", "1e-2", "--out", "m", "--json",
+        "measure",
+        &particles,
+        "--size",
+        "16x16",
+        "--frames",
+        "1",
+        "--reference-error",
+        "1e-2",
+        "--out",
+        "m",
+        "--json",
     ];
     let output = run(folder.path(), &line);
     assert!(output.status.success(), "{}", text(&output.stderr));

@@ -20,7 +20,7 @@ fn sound(folder: &Path, line: &[&str]) -> String {
 
 /// Runs a command that must fail, and returns its error, which is one line.
 fn refused(folder: &Path, line: &[&str]) -> String {
-    let output = run(folder, line);
+    let output = run(folder, &[line, &["--quiet"]].concat());
     let error = text(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{line:?}: {error}");
     assert_eq!(error.trim_end().lines().count(), 1, "{error}");
@@ -147,24 +147,17 @@ fn a_record_names_files_and_nothing_of_the_machine() {
 fn pictures_drawn_again_are_equal() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    for name in ["wake.xyz", "wake.q", "vase.obj", "vase.mtl", "vase.png"] {
-        copy(at, name);
-    }
-    let wake = ["wake.xyz", "--size", "200x150"];
+    copy(at, "particles.csv");
+    write_mesh(at, "0.9 0.2 0.1");
+    let particles = ["particles.csv", "--size", "200x150"];
     let cases: [(&[&str], &str); 10] = [
-        (&[], "a.png"),
-        (
-            &["--legend", "--axes", "--outline", "--title", "ä/b"],
-            "a.png",
-        ),
+        (&["--outline", "--title", "ä/b", "--axes"], "a.png"),
         (&["--calibrate"], "a.exr"),
-        (
-            &["--composite", "slabs", "--post-classification", "--lit"],
-            "a.exr",
-        ),
+        (&["--composite", "slabs", "--opaque-edges", "off"], "a.exr"),
         (&["--column-density"], "a.exr"),
         (&["--column-density", "--legend"], "a.png"),
         (&["--show", "count"], "a.png"),
+        (&["--show", "count"], "a.exr"),
         (&["--depth", "d.npy", "--stats", "s.json"], "a.exr"),
         (&["--turntable", "3"], "t_%d.png"),
         (
@@ -173,40 +166,32 @@ fn pictures_drawn_again_are_equal() {
         ),
     ];
     for (options, out) in cases {
-        let size = if options.contains(&"--size") {
-            &wake[..1]
-        } else {
-            &wake[..]
-        };
-        let line = [&["render"], size, options, &["--out", out]].concat();
+        let size = if options.contains(&"--size") { 1 } else { 3 };
+        let line = [&["render"], &particles[..size], options, &["--out", out]].concat();
         sound(at, &line);
         let picture = out.replace("%d", "1");
+        for side in ["d.npy", "s.json"] {
+            let _ = std::fs::remove_file(at.join(side));
+        }
+        let before = files(at);
         let found = verified(at, &[&picture]);
         assert_eq!(found["result"], "equal", "{line:?}: {found}");
-        assert_eq!(found["inputs"], 2);
-        if options.contains(&"--depth") {
-            std::fs::remove_file(at.join("d.npy")).unwrap();
-            std::fs::remove_file(at.join("s.json")).unwrap();
-            verified(at, &[&picture]);
-            assert!(
-                !files(at)
-                    .iter()
-                    .any(|name| name == "d.npy" || name == "s.json")
-            );
-        }
+        assert_eq!(found["inputs"], 1);
+        assert_eq!(files(at), before, "{line:?}");
     }
-    sound(
-        at,
-        &[
-            "render",
-            "vase.obj",
-            "wake.xyz@@plasma",
-            "--size",
-            "300x200",
-            "--out",
-            "v.png",
-        ],
-    );
+    // Opaque surfaces, whose tiles are drawn at more samples, and transparent volumes.
+    let line = [
+        "render",
+        "a.obj",
+        "particles.csv",
+        "--low-pass",
+        "0.3",
+        "--size",
+        "300x200",
+        "--out",
+        "v.png",
+    ];
+    sound(at, &line);
     let found = verified(at, &["v.png"]);
     assert_eq!(
         (&found["result"], &found["tiles_compared"]),
@@ -218,89 +203,115 @@ fn pictures_drawn_again_are_equal() {
         (&"equal".into(), &247.into())
     );
     // A series: the step is found by the number of the picture.
-    sound(
-        at,
-        &[
-            "render", "wake.xyz", "wake.xyz", "--series", "--size", "64x64", "--out", "s_%d.png",
-        ],
-    );
+    let line = [
+        "render",
+        "a.obj",
+        "particles.csv",
+        "--series",
+        "--size",
+        "64x64",
+        "--out",
+        "s_%d.png",
+    ];
+    sound(at, &line);
     assert_eq!(verified(at, &["s_1.png"])["result"], "equal");
+}
+
+/// Writes a mesh of two triangles, whose material is in a file beside it.
+fn write_mesh(folder: &Path, colour: &str) {
+    let mesh = "mtllib a.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 1 1 0.5\nv 0 1 0.5\nf 1 2 3\nf 1 3 4\n";
+    std::fs::write(folder.join("a.obj"), mesh).unwrap();
+    std::fs::write(folder.join("a.mtl"), format!("newmtl m\nKd {colour}\n")).unwrap();
 }
 
 #[test]
 fn changes_of_pictures_and_inputs_are_found() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    for name in ["wake.xyz", "wake.q"] {
-        copy(at, name);
-    }
+    write_mesh(at, "0.9 0.2 0.1");
     sound(
         at,
-        &["render", "wake.xyz", "--size", "100x80", "--out", "a.png"],
+        &["render", "a.obj", "--size", "100x80", "--out", "m.png"],
     );
-    assert_eq!(verified(at, &["a.png"])["result"], "equal");
+    assert_eq!(verified(at, &["m.png"])["inputs"], 2);
     // The data lie elsewhere.
     let below = at.join("data/below");
     std::fs::create_dir_all(&below).unwrap();
-    for name in ["wake.xyz", "wake.q"] {
+    for name in ["a.obj", "a.mtl"] {
         std::fs::rename(at.join(name), below.join(name)).unwrap();
     }
-    let error = refused(at, &["verify", "a.png"]);
-    assert!(error.contains("wake.xyz missing"), "{error}");
+    let error = refused(at, &["verify", "m.png"]);
+    assert!(error.contains("a.obj missing"), "{error}");
     assert_eq!(
-        verified(at, &["a.png", "--data", "data"])["result"],
+        verified(at, &["m.png", "--data", "data"])["result"],
         "equal"
     );
+    // Another file of the name is passed over, and is named where it is the only one.
+    std::fs::write(at.join("a.obj"), "v 0 0 0\n").unwrap();
+    assert_eq!(
+        verified(at, &["m.png", "--data", "data"])["result"],
+        "equal"
+    );
+    let error = refused(at, &["verify", "m.png"]);
+    assert!(error.contains("a.obj different"), "{error}");
     // A file beside the input, which the command does not name.
-    let mut solution = std::fs::read(below.join("wake.q")).unwrap();
-    let middle = solution.len() / 2;
-    solution[middle] ^= 1;
-    std::fs::write(below.join("wake.q"), &solution).unwrap();
-    let error = refused(at, &["verify", "a.png", "--data", "data"]);
-    assert!(error.contains("wake.q different"), "{error}");
-    solution[middle] ^= 1;
-    std::fs::write(below.join("wake.q"), &solution).unwrap();
-    // Another picture under the record: a brighter one.
-    let sound_record = record(&at.join("a.png")).unwrap();
+    write_mesh(&below, "0.9 0.2 0.11");
+    let output = run(at, &["verify", "m.png", "--data", "data", "--json"]);
+    assert_eq!(output.status.code(), Some(1));
+    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(
+        found["faults"],
+        serde_json::json!([{ "file": "a.mtl", "fault": "different" }])
+    );
+    assert_eq!(found["result"], "inputs");
+
+    // Another picture under the record: a denser one.
+    copy(at, "particles.csv");
     let line = [
         "render",
-        "data/below/wake.xyz",
+        "particles.csv",
         "--size",
         "100x80",
-        "--opacity-scale",
-        "1.5",
         "--out",
-        "b.png",
+        "a.png",
     ];
     sound(at, &line);
-    with_record(&at.join("b.png"), &sound_record.to_string());
-    let output = run(at, &["verify", "b.png", "--data", "data", "--json"]);
+    let good = record(&at.join("a.png")).unwrap();
+    sound(at, &[&line[..5], &["b.png", "--azimuth", "60"]].concat());
+    with_record(&at.join("b.png"), &good.to_string());
+    let output = run(at, &["verify", "b.png", "--json"]);
     assert_eq!(output.status.code(), Some(1));
     let found: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(found["result"], "different");
     assert!(found["tiles_different"].as_u64().unwrap() > 3, "{found}");
     assert!(found["greatest_difference"].as_f64() > found["tolerance"].as_f64());
-    // Twice the tolerance differs by less than that.
-    let mut loose = sound_record.clone();
-    loose["command"] = serde_json::json!([
+    let words = text(&run(at, &["verify", "b.png"]).stdout);
+    assert!(words.contains("different at"), "{words}");
+    // A looser picture differs by less than its tolerance.
+    let with = |words: &[&str]| {
+        let mut record = good.clone();
+        record["command"] = serde_json::json!(words);
+        record.to_string()
+    };
+    let loose = [
         "render",
-        "wake.xyz",
+        "particles.csv",
         "--size",
         "100x80",
         "--tolerance",
         "0.1",
         "--out",
-        "c.png"
-    ]);
+        "c.png",
+    ];
     std::fs::copy(at.join("a.png"), at.join("c.png")).unwrap();
-    with_record(&at.join("c.png"), &loose.to_string());
-    let found = verified(at, &["c.png", "--data", "data"]);
+    with_record(&at.join("c.png"), &with(&loose));
+    let found = verified(at, &["c.png"]);
     assert_eq!(found["result"], "within tolerance", "{found}");
     // Another version, with the same picture.
-    let mut older = sound_record.clone();
+    let mut older = good.clone();
     older["version"] = "0.0.9".into();
     with_record(&at.join("a.png"), &older.to_string());
-    let output = run(at, &["verify", "a.png", "--data", "data"]);
+    let output = run(at, &["verify", "a.png"]);
     assert!(output.status.success());
     assert!(
         text(&output.stderr).contains("0.0.9"),
@@ -308,25 +319,35 @@ fn changes_of_pictures_and_inputs_are_found() {
         text(&output.stderr)
     );
     // Another size.
-    let mut other = sound_record;
-    other["command"] =
-        serde_json::json!(["render", "wake.xyz", "--size", "90x80", "--out", "a.png"]);
-    with_record(&at.join("a.png"), &other.to_string());
-    assert!(refused(at, &["verify", "a.png", "--data", "data"]).contains("size"));
+    let other = [
+        "render",
+        "particles.csv",
+        "--size",
+        "90x80",
+        "--out",
+        "a.png",
+    ];
+    with_record(&at.join("a.png"), &with(&other));
+    assert!(refused(at, &["verify", "a.png"]).contains("size"));
 }
 
 #[test]
 fn hostile_and_damaged_records_do_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    for name in ["wake.xyz", "wake.q"] {
-        copy(at, name);
-    }
+    copy(at, "particles.csv");
     std::fs::create_dir(at.join("other")).unwrap();
     std::fs::write(at.join("other/secret.json"), "{}").unwrap();
     sound(
         at,
-        &["render", "wake.xyz", "--size", "64x48", "--out", "a.png"],
+        &[
+            "render",
+            "particles.csv",
+            "--size",
+            "64x48",
+            "--out",
+            "a.png",
+        ],
     );
     let path = at.join("a.png");
     let good = record(&path).unwrap();
@@ -339,16 +360,37 @@ fn hostile_and_damaged_records_do_nothing() {
     let outside = at.join("other/secret.json");
     let outside = outside.to_str().unwrap();
     for words in [
-        &["render", "wake.xyz", "--camera", outside, "--out", "a.png"][..],
+        &[
+            "render",
+            "particles.csv",
+            "--camera",
+            outside,
+            "--out",
+            "a.png",
+        ][..],
         &["render", outside, "--out", "a.png"],
-        &["render", "../wake.xyz/..", "--out", "a.png"],
-        &["convert", "wake.xyz", "--out", "x.ply"],
-        &["info", "wake.xyz"],
+        &[
+            "render",
+            "particles.csv",
+            "--transfer-function",
+            outside,
+            "--out",
+            "a.png",
+        ],
+        &[
+            "render",
+            "particles.csv@@other/secret.json",
+            "--out",
+            "a.png",
+        ],
+        &["render", "../particles.csv/..", "--out", "a.png"],
+        &["convert", "particles.csv", "--out", "x.ply"],
+        &["info", "particles.csv"],
         &["--help"],
         &["render", "--help"],
         &["render", "--version"],
-        &["render", "wake.xyz", "--no-such-option"],
-        &["measure", "wake.xyz", "--out", "m"],
+        &["render", "particles.csv", "--no-such-option"],
+        &["measure", "particles.csv", "--out", "m"],
         &["verify", "a.png"],
         &[],
     ] {
@@ -362,7 +404,7 @@ fn hostile_and_damaged_records_do_nothing() {
     let elsewhere = elsewhere.to_str().unwrap();
     let writes = [
         "render",
-        "wake.xyz",
+        "particles.csv",
         "--size",
         "64x48",
         "--out",
@@ -400,7 +442,7 @@ fn hostile_and_damaged_records_do_nothing() {
         with_record(&path, &damaged);
         refused(at, &["verify", "a.png"]);
     }
-    let no_picture = refused(at, &["verify", "wake.xyz"]);
+    let no_picture = refused(at, &["verify", "particles.csv"]);
     assert!(no_picture.contains("png"), "{no_picture}");
 }
 
@@ -412,14 +454,12 @@ fn pictures_of_a_gpu_are_equal_there_and_within_the_tolerance_elsewhere() {
     }
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    for name in ["wake.xyz", "wake.q"] {
-        copy(at, name);
-    }
+    copy(at, "particles.csv");
     sound(
         at,
         &[
             "render",
-            "wake.xyz",
+            "particles.csv",
             "--backend",
             "gpu",
             "--size",

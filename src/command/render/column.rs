@@ -12,8 +12,9 @@ use indicatif::ProgressBar;
 use serde_json::json;
 
 use super::column_mean::ColumnMean;
-use super::ending::{Drawn, Facts};
+use super::ending::Facts;
 use super::options::{Arguments, ColumnLook};
+use super::tiles::Drawn;
 use crate::command::annotations::Overlays;
 use crate::command::legend::column_title;
 use crate::command::progress::note;

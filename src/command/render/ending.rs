@@ -1,19 +1,16 @@
-//! Ends a picture: writes it with the record of how it was made, or compares it with one that was written before.
+//! Defines what becomes of a picture: it is written with the record of how it was made, or compared with one that was
+//! written before.
 
 use std::cell::RefCell;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use serde_json::{Value, json};
 
-use super::options::Arguments;
 use super::tiles::Comparison;
+use crate::Renderer;
 use crate::command::provenance::{FORMAT, Hashes, ascii};
 use crate::command::typed::Typed;
-use crate::image::{ColumnImage, Image};
-use crate::io::{carries_record, shown_count, write_column_with, write_image_with};
 use crate::render::SimdLevel;
-use crate::view::Camera;
-use crate::{Renderer, Result, Settings, Show};
 
 /// What becomes of a picture.
 #[derive(Default)]
@@ -61,6 +58,36 @@ impl Ending {
     }
 }
 
+impl Recorded {
+    /// Begins to hash the files that were read, while the picture is drawn.
+    pub(super) fn begin(&self) {
+        self.hashes.begin();
+    }
+
+    /// Returns the record of a picture.
+    ///
+    /// - `frame`: number of the picture in its sequence.
+    pub(super) fn record(&self, facts: &Facts, frame: Option<usize>) -> String {
+        let mut inputs = self.hashes.entries(&self.given);
+        if self.is_shared {
+            inputs.push(json!({ "not_hashed": "files that other ranks read beside these" }));
+        }
+        ascii(&json!({
+            "format": FORMAT,
+            "program": env!("CARGO_PKG_NAME"),
+            "version": env!("CARGO_PKG_VERSION"),
+            "command": self.words,
+            "frame": frame,
+            "inputs": inputs,
+            "tolerance": facts.tolerance,
+            "backend": facts.backend,
+            "adapter": facts.adapter,
+            "simd": format!("{:?}", SimdLevel::best()),
+            "measured_error": facts.measured_error,
+        }))
+    }
+}
+
 /// Facts of a drawn picture.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Facts {
@@ -98,91 +125,3 @@ impl Facts {
 
 /// The facts of the last picture of a sequence, which its drawing leaves for its ending.
 pub(super) type LastFacts = RefCell<Facts>;
-
-/// A drawn picture.
-pub(super) enum Drawn<'a> {
-    Picture(&'a Image),
-    Count(&'a Image),
-    Column(&'a ColumnImage),
-}
-
-impl Arguments {
-    /// Begins to hash the files that were read, while the picture is drawn.
-    pub(super) fn begin_record(&self) {
-        if let Ending::Recorded(recorded) = &self.ending
-            && carries_record(&self.out)
-        {
-            recorded.hashes.begin();
-        }
-    }
-
-    /// Returns the record of a picture; `None` if none is wanted, or if the file has no place for one.
-    ///
-    /// - `frame`: number of the picture in its sequence.
-    pub(super) fn record(&self, facts: &Facts, frame: Option<usize>) -> Option<String> {
-        let Ending::Recorded(recorded) = &self.ending else {
-            return None;
-        };
-        if !carries_record(&self.out) {
-            return None;
-        }
-        let mut inputs = recorded.hashes.entries(&recorded.given);
-        if recorded.is_shared {
-            inputs.push(json!({ "not_hashed": "files that other ranks read beside these" }));
-        }
-        Some(ascii(&json!({
-            "format": FORMAT,
-            "program": env!("CARGO_PKG_NAME"),
-            "version": env!("CARGO_PKG_VERSION"),
-            "command": recorded.words,
-            "frame": frame,
-            "inputs": inputs,
-            "tolerance": facts.tolerance,
-            "backend": facts.backend,
-            "adapter": facts.adapter,
-            "simd": format!("{:?}", SimdLevel::best()),
-            "measured_error": facts.measured_error,
-        })))
-    }
-
-    /// Writes or compares the one picture of a command.
-    pub(super) fn end(&self, drawn: &Drawn<'_>, facts: &Facts) -> Result<()> {
-        if let Some(comparison) = self.ending.comparison() {
-            return comparison.compare(drawn, facts.tolerance);
-        }
-        let record = self.record(facts, None);
-        let record = record.as_deref();
-        match drawn {
-            Drawn::Picture(image) => write_image_with(&self.out, image, record),
-            Drawn::Count(count) => {
-                write_image_with(&self.out, &shown_count(&self.out, count), record)
-            }
-            Drawn::Column(column) => write_column_with(&self.out, column, record),
-        }
-    }
-
-    /// Draws a frame: all of it to be written, or the tiles that are compared.
-    pub(super) fn drawn<'a>(
-        &self,
-        renderer: &'a mut Renderer,
-        camera: &Camera,
-        settings: &Settings,
-    ) -> Result<&'a Image> {
-        let Some(comparison) = self.ending.comparison() else {
-            return renderer.render(camera, settings);
-        };
-        comparison.check_size([camera.width, camera.height])?;
-        match comparison.tiles() {
-            // Colours of counts follow from the greatest of the whole picture.
-            Some(tiles) if settings.show != Show::Count => {
-                renderer.render_tiles(camera, settings, tiles)
-            }
-            _ => renderer.render(camera, settings),
-        }
-    }
-
-    /// Returns the path that a side output is written to, if it is asked for and anything is written.
-    pub(super) fn beside<'a>(&self, path: Option<&'a PathBuf>) -> Option<&'a Path> {
-        path.filter(|_| self.ending.writes()).map(PathBuf::as_path)
-    }
-}

@@ -1,8 +1,9 @@
 //! Draws and writes one picture.
 
 use super::count::describe;
-use super::ending::{Drawn, Facts};
+use super::ending::Facts;
 use super::options::{Arguments, ShowName};
+use super::tiles::Drawn;
 use crate::command::annotations::Overlays;
 use crate::command::progress::note;
 use crate::command::statistics::{Prepared, stats, write_stats};

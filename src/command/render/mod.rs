@@ -11,7 +11,7 @@
 //! | `reference.rs` | the reference image |
 //! | `column.rs`, `column_mean.rs` | column densities, means along rays |
 //! | `count.rs` | counts of kernels in words |
-//! | `ending.rs` | pictures written with their records, or compared |
+//! | `ending.rs`, `written.rs` | pictures written with their records, or compared |
 //! | `tiles.rs` | the tiles of two pictures compared |
 
 mod check;
@@ -26,6 +26,7 @@ mod scene;
 mod sequence;
 mod settings;
 mod tiles;
+mod written;
 
 use std::time::Instant;
 

@@ -2,8 +2,9 @@
 
 use std::time::Instant;
 
-use super::ending::{Drawn, Facts};
+use super::ending::Facts;
 use super::options::Arguments;
+use super::tiles::Drawn;
 use crate::Result;
 use crate::command::annotations::Overlays;
 use crate::command::outputs::warn_unconverged;

@@ -1,8 +1,9 @@
 //! Draws sequences of pictures: a turn, a path of cameras, time steps.
 
-use super::ending::{Drawn, Facts, LastFacts};
+use super::ending::{Facts, LastFacts};
 use super::image::blend_of;
 use super::options::Arguments;
+use super::tiles::Drawn;
 use crate::collective::Collective;
 use crate::command::animation::Animation;
 use crate::command::annotations::Overlays;

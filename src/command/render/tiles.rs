@@ -2,15 +2,21 @@
 
 use std::sync::{Mutex, PoisonError};
 
-use super::ending::Drawn;
 use crate::constants::TILE_SIZE;
-use crate::image::linear_from_srgb;
+use crate::image::{ColumnImage, linear_from_srgb};
 use crate::io::{Stored, StoredPicture, shown_count};
 use crate::{Error, Image, Result};
 
 /// Number of tiles of which one differs, with a probability of 99 %, if 5 % of all do: ln 0.01 / ln 0.95, rounded up.
 /// Drawn without replacement, one is found the sooner.
 pub(in crate::command) const DEFAULT_TILES: usize = 90;
+
+/// A drawn picture.
+pub(super) enum Drawn<'a> {
+    Picture(&'a Image),
+    Count(&'a Image),
+    Column(&'a ColumnImage),
+}
 
 /// A picture that was written, and what a drawing of it again has shown.
 pub(in crate::command) struct Comparison {
