@@ -180,6 +180,7 @@ pub mod measure;
 #[doc(hidden)]
 pub mod memory;
 mod message;
+mod opened;
 #[cfg(feature = "legend")]
 mod overlay;
 mod parallel;

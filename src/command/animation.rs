@@ -5,7 +5,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-use crate::io::{check_folder, check_image_path, write_bytes_atomically, write_image};
+use crate::io::{check_folder, check_image_path, write_bytes_atomically, write_image_with};
 use crate::{Error, Image, Result};
 
 /// Writer of a sequence: numbered files, an APNG or a GIF.
@@ -185,10 +185,16 @@ impl Animation {
     /// # Errors
     /// A file that cannot be written; a size other than that of the first picture.
     pub fn push(&mut self, image: &Image) -> Result<()> {
+        self.push_with(image, None)
+    }
+
+    /// Adds a picture as [`Self::push`] does, with a record of how it was made if it is a file of its own with a place
+    /// for one.
+    pub(crate) fn push_with(&mut self, image: &Image, record: Option<&str>) -> Result<()> {
         let rate = self.rate;
         let file = self.file();
         match &mut self.kind {
-            Kind::Files { .. } => write_image(&file, image)?,
+            Kind::Files { .. } => write_image_with(&file, image, record)?,
             Kind::Apng { writer, .. } => {
                 let bytes = image.to_srgb8();
                 let pushed = writer.as_mut().map(|w| w.write_image_data(&bytes));

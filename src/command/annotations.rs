@@ -2,10 +2,8 @@
 //! annotations.
 
 use std::borrow::Cow;
-use std::path::Path;
 
 use crate::annotate::{Annotations, check, draw};
-use crate::io::write_image;
 use crate::legend::{ColourBar, check_legend_size, columns_beside_legend, draw_legend};
 use crate::view::{Bounds, Camera};
 use crate::{Error, Image, Result};
@@ -155,11 +153,6 @@ impl Overlays {
     /// Returns true if nothing is drawn over the picture.
     pub(crate) fn is_empty(&self) -> bool {
         self.bars.is_empty() && self.annotations == Annotations::default()
-    }
-
-    /// Draws all overlays on a picture and writes it.
-    pub(crate) fn write(&self, path: &Path, image: &Image) -> Result<()> {
-        write_image(path, &*self.drawn(image)?)
     }
 
     /// Returns a picture with all overlays drawn on it.

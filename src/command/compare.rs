@@ -6,6 +6,7 @@ use crate::Result;
 use crate::io::{check_image_path, read_image, write_image};
 use crate::measure::{compare, difference, difference_scale};
 use clap::Args;
+use serde_json::json;
 
 use super::outputs::check_collisions;
 use super::parse;
@@ -44,8 +45,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     if let Some(path) = &arguments.difference {
         write_image(path, &difference(&first, &second, scale)?)?;
     }
+    let mut report = json!(errors);
+    if let Some(path) = &arguments.difference {
+        let file = path.display().to_string();
+        report["difference"] = json!({ "file": file, "brightest": scale });
+    }
     if arguments.json {
-        super::say!("{}", serde_json::json!(errors));
+        super::say!("{report}");
         return Ok(());
     }
     super::say!("linear premultiplied RGBA, full scale 1");

@@ -235,11 +235,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         "certificate": certificate,
         "notes": notes,
     });
-    if arguments.json {
-        super::say!("{summary:#}");
-    } else {
-        print(&summary);
-    }
+    super::report(&summary, arguments.json, print);
     Ok(())
 }
 

@@ -52,11 +52,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let inputs = arguments.data.resolved(inputs, false)?;
     if let ([path], false) = (&inputs[..], files.is_list) {
         let description = arguments.description(path, true)?;
-        if arguments.json {
-            super::say!("{description:#}");
-        } else {
-            print_table(&description);
-        }
+        super::report(&description, arguments.json, print_table);
         return Ok(());
     }
     let progress = bar(inputs.len() as u64);

@@ -73,6 +73,9 @@ pub(crate) struct Arguments {
     /// The reference's error in linear colour: aimed at, or of the file given [default: 1e-3]
     #[arg(long, value_name = "E", value_parser = parse::positive)]
     reference_error: Option<f64>,
+    /// Print the report as JSON: the contents of report.json
+    #[arg(long)]
+    json: bool,
     #[command(flatten)]
     camera: CameraOptions,
     #[command(flatten)]
@@ -178,6 +181,10 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
     write_bytes_atomically(&folder.join("report.csv"), &report.csv()?)?;
     write_bytes_atomically(&folder.join("report.html"), &report.html()?)?;
     progress.finish_and_clear();
+    if arguments.json {
+        super::say!("{}", String::from_utf8_lossy(&report.json()?).trim_end());
+        return Ok(());
+    }
     print_table(&report);
     super::say!("\n{}", folder.join("report.html").display());
     Ok(())

@@ -1,5 +1,5 @@
-//! Defines the command line (`render`, `info`, `convert`, `compare`, `measure`, `completions`,
-//! `man`) and the parts of it that other front ends use.
+//! Defines the command line (`render`, `info`, `convert`, `formats`, `compare`, `verify`, `measure`,
+//! `completions`, `man`) and the parts of it that other front ends use.
 
 /// Prints a line. If the reader of the pipe has gone (`| head`), it ends the program quietly.
 macro_rules! say {
@@ -12,6 +12,14 @@ macro_rules! say {
     };
 }
 pub(crate) use say;
+
+/// Prints a report: JSON for programs, or words that are made of it.
+fn report(report: &Value, is_json: bool, words: impl FnOnce(&Value)) {
+    match is_json {
+        true => say!("{report:#}"),
+        false => words(report),
+    }
+}
 
 mod animation;
 mod annotations;
@@ -35,6 +43,7 @@ mod outputs;
 mod parse;
 mod prepare;
 mod progress;
+mod provenance;
 mod ranks;
 mod render;
 mod scene;
@@ -42,7 +51,9 @@ mod sequence;
 mod shell;
 mod statistics;
 mod truth;
+mod typed;
 mod usage;
+mod verify;
 mod view;
 mod viewpoint;
 mod words;
@@ -53,9 +64,10 @@ use std::process::ExitCode;
 pub use self::animation::Animation;
 pub use self::driver::quiet_drivers;
 pub use self::statistics::{Prepared, stats};
+use self::typed::Typed;
 pub use self::view::{Automatic, Frame, Over, RefinedView, ViewArguments, ViewRequest, line};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::Error;
 
@@ -124,8 +136,12 @@ enum Command {
     Convert(Box<convert::Arguments>),
     /// Show data in a window
     View(view::Arguments),
+    /// List the formats that are read
+    Formats(formats::Arguments),
     /// Print how far one image is from another
     Compare(compare::Arguments),
+    /// Check a picture against the record of how it was made: draw it again and compare
+    Verify(verify::Arguments),
     /// Measure speed against accuracy: table, plots and what each approximation costs
     Measure(Box<measure::Arguments>),
     /// Print a script for a shell that completes the program's options
@@ -145,13 +161,15 @@ pub fn main_of(words: impl IntoIterator<Item = OsString>) -> ExitCode {
     quiet_drivers();
     let words = truth::join_reference(words.into_iter());
     measure::note_command_line(&words);
-    let program = Arguments::command()
+    let mut program = Arguments::command()
         .after_help(formats::list())
         .long_version(shell::version());
     let form = ErrorForm::of(&words);
-    let matches = program.try_get_matches_from(words);
-    let arguments = matches.and_then(|matches| Arguments::from_arg_matches(&matches));
-    let arguments = arguments.unwrap_or_else(|error| form.exit(&error));
+    let parsed = program.try_get_matches_from_mut(words).and_then(|matches| {
+        let arguments = Arguments::from_arg_matches(&matches)?;
+        Ok((arguments, matches))
+    });
+    let (mut arguments, matches) = parsed.unwrap_or_else(|error| form.exit(&error));
     if arguments.quiet {
         progress::be_quiet();
     }
@@ -165,13 +183,26 @@ pub fn main_of(words: impl IntoIterator<Item = OsString>) -> ExitCode {
         );
         return ExitCode::from(2);
     }
+    if let Command::Render(render) = &mut arguments.command
+        && let (Some(command), Some(matches)) = (
+            program.find_subcommand("render"),
+            matches.subcommand_matches("render"),
+        )
+    {
+        render.record_as(Typed::of(command, matches));
+    }
     let form = arguments.errors;
     let result = match arguments.command {
         Command::Render(mut arguments) => render::run(&mut arguments),
         Command::Info(arguments) => info::run(&arguments),
         Command::Convert(arguments) => convert::run(&arguments),
         Command::View(arguments) => view::run(&arguments),
+        Command::Formats(arguments) => {
+            formats::run(&arguments);
+            Ok(())
+        }
         Command::Compare(arguments) => compare::run(&arguments),
+        Command::Verify(arguments) => verify::run(&arguments),
         Command::Measure(mut arguments) => measure::run(&mut arguments),
         Command::Completions(arguments) => {
             shell::completions(&arguments, Arguments::command());

@@ -8,7 +8,7 @@ use crate::prepared::PreparedScene;
 use crate::sample::{PurposeOptions, SampleOptions, SampleReport};
 use crate::{Error, Result, SceneOptions};
 use clap::{Args, ValueEnum};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::input::DataOptions;
 use super::progress::{self, note};
@@ -142,18 +142,23 @@ impl PrepareOptions {
             "levels_of_detail": levels,
             "blocks": blocks,
             "bytes": bytes,
+            "bytes_per_particle": bytes as f64 / prepared.particle_count().max(1) as f64,
             "fields": about.fields,
         });
-        if prints_json {
-            super::say!("{summary:#}");
-            return Ok(());
-        }
-        let row = |name: &str, value: String| super::say!("{name:<18} {value}");
-        row("file", out.display().to_string());
-        row("particles", prepared.particle_count().to_string());
-        row("blocks", blocks.to_string());
-        let per_particle = bytes as f64 / prepared.particle_count().max(1) as f64;
-        row("bytes", format!("{bytes}, {per_particle:.1} per particle"));
+        super::report(&summary, prints_json, print);
         Ok(())
     }
+}
+
+/// Prints the summary of a prepared scene in words.
+fn print(summary: &Value) {
+    let row = |name: &str, value: String| super::say!("{name:<18} {value}");
+    row("file", summary["out"].as_str().unwrap_or_default().into());
+    row("particles", summary["particles"].to_string());
+    row("blocks", summary["blocks"].to_string());
+    let per_particle = summary["bytes_per_particle"].as_f64().unwrap_or(0.0);
+    row(
+        "bytes",
+        format!("{}, {per_particle:.1} per particle", summary["bytes"]),
+    );
 }

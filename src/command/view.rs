@@ -23,13 +23,14 @@ use crate::{Backend, Error, Renderer, Result, Settings, Task};
 const PROGRAM: &str = "ewa-splat-view";
 
 /// Identifiers of the options of `render` that write files, or that the window does not have.
-const OF_FILES: [&str; 25] = [
+const OF_FILES: [&str; 26] = [
     "out",
     "stats",
     "depth",
     "normals",
     "frames",
     "write_transfer_function",
+    "no_provenance",
     "reference",
     "column_density",
     "column_mean",

@@ -38,13 +38,21 @@ pub(crate) use self::particles::hdf5::{CellRows, cell_rows};
 pub(crate) use self::parts::planes::Planes;
 pub(crate) use self::parts::rows::ROWS;
 pub use self::parts::rows::RowFile;
+#[cfg(feature = "cli")]
+pub(crate) use self::picture::column_file::write_column_with;
 pub use self::picture::column_file::{column_colours, column_look, column_picture, write_column};
+#[cfg(feature = "cli")]
+pub(crate) use self::picture::count_file::shown_count;
 pub use self::picture::count_file::write_count;
 pub use self::picture::deep_file::{check_deep_path, write_deep};
+#[cfg(feature = "cli")]
+pub(crate) use self::picture::image_file::write_image_with;
 pub use self::picture::image_file::{
     check_depth_path, check_folder, check_image_path, png_bytes, read_depth, read_image,
     write_depth, write_image, write_normals,
 };
+#[cfg(feature = "cli")]
+pub(crate) use self::picture::stored::{Stored, StoredPicture, carries_record, read_stored};
 pub use self::splats::encoded_splats::{PlyForm, SplatFileOptions, SpzVersion};
 pub use self::splats::log_scales::ScaleMeaning;
 pub use self::splats::splat_axes::SplatAxes;

@@ -83,6 +83,7 @@ pub(crate) fn with_function(
 ) -> Result<PreparedScene> {
     let text = std::fs::read_to_string(function)
         .map_err(|e| Error::io(function, "reading", e, "check the path and its permissions"))?;
+    crate::opened::note(function);
     let own: Vec<Option<TransferFunction>> = scene.transfer_functions();
     for (volume, own) in own.into_iter().enumerate() {
         let Some(own) = own else {

@@ -65,7 +65,7 @@ impl Renderer {
         let mut plan = self.plan(camera, settings)?;
         let behind = self.take_background(&mut plan, settings);
         let mut report = self.draw_async(&plan).await?;
-        for region in self.regions(&plan, settings)? {
+        for region in self.regions(&plan, settings, None)? {
             let finer = region.plan(&self.scene, &plan, settings)?;
             let samples = self.draw_async(&finer).await?;
             self.average(&region, &samples, &mut report);

@@ -7,9 +7,10 @@ use crate::blocks::{AmplitudeSummary, BlockedParticles, BlockedScene, BlockedVol
 use crate::collective::Collective;
 use crate::constants::{
     DEFAULT_LOW_PASS_VARIANCE_PX2, FIELD_LOW_PASS_VARIANCE_PX2, PARTICLE_LOW_PASS_VARIANCE_PX2,
+    TILE_SIZE,
 };
 use crate::cpu::CpuFrames;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::frame::backdrop::Backdrop;
 #[cfg(not(feature = "gpu"))]
 use crate::frame::backend::NoDevice as Device;
@@ -353,18 +354,68 @@ impl Renderer {
     /// conflict with each other or with the scene; a device that is lost or has too little memory; a
     /// cancelled frame, which leaves the images partly drawn.
     pub fn render(&mut self, camera: &Camera, settings: &Settings) -> Result<&Image> {
+        self.render_some(camera, settings, None)
+    }
+
+    /// Draws some tiles of a frame as [`Renderer::render`] draws them, bit for bit. Other tiles are not defined.
+    ///
+    /// - `tiles`: whether each tile of 16 x 16 pixels is drawn, row by row.
+    ///
+    /// # Errors
+    /// The errors of [`Renderer::render`]; another number of tiles than the picture has.
+    pub fn render_tiles(
+        &mut self,
+        camera: &Camera,
+        settings: &Settings,
+        tiles: &[bool],
+    ) -> Result<&Image> {
+        let [columns, rows] = tile_grid(camera);
+        if tiles.len() != columns.saturating_mul(rows) {
+            return Err(Error::invalid(
+                "tiles",
+                "number",
+                format!("{columns} x {rows}"),
+                tiles.len().to_string(),
+                "give one for each 16 x 16 pixels",
+            ));
+        }
+        self.render_some(camera, settings, Some(tiles))
+    }
+
+    /// Draws all tiles of a frame, or some.
+    fn render_some(
+        &mut self,
+        camera: &Camera,
+        settings: &Settings,
+        tiles: Option<&[bool]>,
+    ) -> Result<&Image> {
         let level = self.chosen(camera, settings)?;
-        self.at_level(level).render_samples(camera, settings)?;
+        self.at_level(level)
+            .render_samples(camera, settings, tiles)?;
         self.take_from(level);
         Ok(&self.images.image)
     }
 
     /// Draws a frame of this renderer's own samples.
-    fn render_samples(&mut self, camera: &Camera, settings: &Settings) -> Result<()> {
+    fn render_samples(
+        &mut self,
+        camera: &Camera,
+        settings: &Settings,
+        tiles: Option<&[bool]>,
+    ) -> Result<()> {
         let mut plan = self.plan(camera, settings)?;
+        // Whether a tile is drawn again depends on the pixels beside it, too.
+        plan.tiles = tiles.map(|tiles| match self.may_sample_edges(settings) {
+            true => widened(tiles, tile_grid(camera)),
+            false => tiles.to_vec(),
+        });
         let behind = self.take_background(&mut plan, settings);
         let mut report = self.draw(&plan)?;
-        for region in self.regions(&plan, settings)? {
+        if tiles.is_some() {
+            // Plans of some tiles draw into the images of samples.
+            std::mem::swap(&mut self.images, &mut self.samples);
+        }
+        for region in self.regions(&plan, settings, tiles)? {
             let finer = region.plan(&self.scene, &plan, settings)?;
             let samples = self.draw(&finer)?;
             self.average(&region, &samples, &mut report);
@@ -432,7 +483,14 @@ impl Renderer {
 
     /// Returns the regions of the picture that was just drawn whose tiles contain opaque edges: the same on
     /// all ranks.
-    pub(super) fn regions(&mut self, plan: &FramePlan, settings: &Settings) -> Result<Vec<Region>> {
+    ///
+    /// - `tiles`: those whose samples are wanted; `None` for all.
+    pub(super) fn regions(
+        &mut self,
+        plan: &FramePlan,
+        settings: &Settings,
+        tiles: Option<&[bool]>,
+    ) -> Result<Vec<Region>> {
         if !self.may_sample_edges(settings) {
             return Ok(Vec::new());
         }
@@ -448,6 +506,10 @@ impl Renderer {
                 ranks.first_of(own)?
             }
         };
+        let mut chosen = chosen;
+        for (is_chosen, is_wanted) in chosen.iter_mut().zip(tiles.into_iter().flatten()) {
+            *is_chosen &= u8::from(*is_wanted);
+        }
         Ok(regions(&plan.camera, &chosen))
     }
 
@@ -653,9 +715,59 @@ impl Behind {
     }
 }
 
+/// Returns the numbers of columns and rows of a picture's tiles.
+fn tile_grid(camera: &Camera) -> [usize; 2] {
+    [camera.width, camera.height].map(|n| n.div_ceil(TILE_SIZE))
+}
+
+/// Returns some tiles and all that touch them.
+fn widened(tiles: &[bool], [columns, rows]: [usize; 2]) -> Vec<bool> {
+    let is_near = |t: usize| {
+        let (x, y) = (t % columns, t / columns);
+        let across = x.saturating_sub(1)..(x + 2).min(columns);
+        let mut down = y.saturating_sub(1)..(y + 2).min(rows);
+        down.any(|y| across.clone().any(|x| tiles[y * columns + x]))
+    };
+    (0..columns * rows).map(is_near).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn some_tiles_are_those_of_the_whole_picture() {
+        use glam::DVec3;
+        let at = |i: u32| DVec3::new(f64::from(i % 5), f64::from(i / 5 % 5), f64::from(i / 25));
+        let centres: Vec<DVec3> = (0..125).map(at).collect();
+        let balls = PointVolume::spheres(centres, vec![0.3; 125]).with_masses(vec![9.0; 125]);
+        let mut renderer = Renderer::new(vec![balls]).unwrap();
+        let eye = DVec3::new(7.0, -9.0, 5.0);
+        let camera = Camera::perspective(eye, DVec3::splat(2.0), DVec3::Z, 40.0, [150, 101]);
+        let settings = Settings {
+            low_pass_variance_px2: PARTICLE_LOW_PASS_VARIANCE_PX2,
+            ..Settings::default()
+        };
+        let whole = renderer.render(&camera, &settings).unwrap().clone();
+        let sampled = renderer.counts().supersampled_tiles;
+        assert!(sampled > 5, "{sampled}");
+        let tiles: Vec<bool> = (0..70).map(|t| t % 7 == 3 || t == 42).collect();
+        let some = renderer.render_tiles(&camera, &settings, &tiles).unwrap();
+        for y in 0..101 {
+            for x in 0..150 {
+                if tiles[y / TILE_SIZE * 10 + x / TILE_SIZE] {
+                    let bits = |image: &Image| image.pixel(x, y).map(f32::to_bits);
+                    assert_eq!(bits(some), bits(&whole), "{x}, {y}");
+                }
+            }
+        }
+        assert!(renderer.counts().supersampled_tiles < sampled);
+        assert!(
+            renderer
+                .render_tiles(&camera, &settings, &tiles[1..])
+                .is_err()
+        );
+    }
 
     /// Windows and interpreters pass these types to another thread. The check is that this compiles.
     #[test]

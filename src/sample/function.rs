@@ -145,6 +145,7 @@ pub(crate) fn function_of_file(
             text = std::fs::read_to_string(path).map_err(|e| {
                 Error::io(path, "opening", e, "name a transfer function that exists")
             })?;
+            crate::opened::note(path);
             (path.as_path(), text.as_str())
         }
         TransferChoice::Text(text) => (Path::new("transfer function"), text.as_str()),

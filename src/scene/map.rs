@@ -18,6 +18,7 @@ pub(crate) fn map(path: &Path) -> io::Result<SharedBytes> {
         ));
     }
     let map = mapped(&file)?;
+    crate::opened::note(path);
     // A frame reads blocks at scattered offsets: reading ahead of each would read most of a file.
     #[cfg(unix)]
     map.advise(memmap2::Advice::Random)?;

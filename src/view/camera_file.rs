@@ -41,6 +41,7 @@ struct CameraFile {
 pub fn read_camera(path: &Path, size: Option<[usize; 2]>) -> Result<Camera> {
     let text = std::fs::read_to_string(path)
         .map_err(|e| Error::io(path, "opening the camera", e, "check the path"))?;
+    crate::opened::note(path);
     let file: CameraFile = serde_json::from_str(&text).map_err(|e| {
         Error::format(
             path,

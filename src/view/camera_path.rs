@@ -64,6 +64,7 @@ impl CameraPath {
     pub fn read(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path)
             .map_err(|e| Error::io(path, "opening the camera path", e, "check the path"))?;
+        crate::opened::note(path);
         let fault = |place: String, expected: &str, found: String| {
             Error::format(path, place, expected, found, "see docs/command-line.md")
         };

@@ -475,7 +475,7 @@ fn a_series_is_placed_step_by_step() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     write_grids(folder);
-    let line = "even.vtk even.vtk --series --size 40x30 --backend cpu";
+    let line = "even.vtk even.vtk --series --size 40x30 --backend cpu --no-provenance";
     done(folder, &format!("render {line} --out plain_%d.png"));
     done(
         folder,

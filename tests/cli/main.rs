@@ -18,6 +18,7 @@ mod edits;
 mod formats;
 #[cfg(feature = "gpu")]
 mod gpu;
+mod json;
 mod manners;
 #[cfg(all(target_os = "linux", feature = "prepared"))]
 mod memory;
@@ -26,3 +27,4 @@ mod scenes;
 mod splats;
 mod usage;
 mod values;
+mod verify;

@@ -14,6 +14,7 @@ const ROOMS: [&[&str]; 17] = [
         "math",
         "memory",
         "message",
+        "opened",
         "parallel",
         "simd",
         "stats",

@@ -27,7 +27,7 @@ impl Arguments {
         let named = std::mem::take(&mut self.inputs);
         self.inputs = self.data.inputs(named, self.sequence.is_series())?;
         self.pass_on();
-        if is_first {
+        if is_first && self.ending.writes() {
             self.check_outputs()?;
         }
         if let Some(size) = self.backdrop.read()? {

@@ -1,18 +1,20 @@
 //! Runs `ewa-splat render --column-density`.
 
 use crate::data::smoothing::SphKernel;
-use crate::io::{column_colours, column_look, column_picture, write_column};
+use crate::io::{column_colours, column_look, column_picture};
 use crate::legend::{ColourBar, legend_width};
 use crate::math::narrowed;
 use crate::render::ColumnMeans;
 use crate::scene::{TransferFunction, ValueScale};
 use crate::view::{Along, Camera};
-use crate::{ColumnImage, ColumnSettings, Error, Renderer, Result};
+use crate::{ColumnImage, ColumnSettings, Error, Image, Renderer, Result};
 use indicatif::ProgressBar;
 use serde_json::json;
 
 use super::column_mean::ColumnMean;
+use super::ending::Facts;
 use super::options::{Arguments, ColumnLook};
+use super::tiles::Drawn;
 use crate::command::annotations::Overlays;
 use crate::command::legend::column_title;
 use crate::command::progress::note;
@@ -105,6 +107,7 @@ impl Arguments {
             colours = column_colours(&column, look.map, look.range, look.scale)?;
         }
         progress.set_message("writing");
+        let facts = Facts::of(renderer, settings.tolerance);
         if column.values.iter().any(|value| value.is_infinite()) {
             return Err(Error::invalid(
                 "column density",
@@ -117,13 +120,18 @@ impl Arguments {
         match &colours {
             Some(colours) if self.is_png() => {
                 let overlays = overlays(&camera)?.with_bars(bar(&Some(colours.clone())));
-                overlays.write(&self.out, &column_picture(&column, colours))?;
+                let picture = column_picture(&column, colours);
+                self.end(&Drawn::Picture(&*overlays.drawn(&picture)?), &facts)?;
             }
-            _ => write_column(&self.out, &column)?,
+            None if self.is_png() => {
+                let nothing = Image::new(column.width, column.height);
+                self.end(&Drawn::Picture(&nothing), &facts)?;
+            }
+            _ => self.end(&Drawn::Column(&column), &facts)?,
         }
         let amplitudes = renderer.amplitudes();
         let counts = renderer.counts();
-        if let Some(path) = &self.output.stats {
+        if let Some(path) = self.beside(self.output.stats.as_ref()) {
             let mut stats = stats(renderer, &times, prepared);
             stats["column_density"] = json!({
                 "sum_times_area": column.sum_times_area(),

@@ -1,16 +1,18 @@
 //! Draws and writes one picture.
 
 use super::count::describe;
-use super::options::Arguments;
+use super::ending::Facts;
+use super::options::{Arguments, ShowName};
+use super::tiles::Drawn;
 use crate::command::annotations::Overlays;
 use crate::command::progress::note;
 use crate::command::statistics::{Prepared, stats, write_stats};
-use crate::io::{write_count, write_deep, write_depth, write_normals};
+use crate::io::{write_deep, write_depth, write_normals};
 use crate::measure::{ErrorSample, SampledError};
 use crate::render::{Blend, Composite, Layers};
 use crate::stages::blocks::BlockedVolume;
 use crate::view::Camera;
-use crate::{Error, Renderer, Result, Settings, Show, Task};
+use crate::{Error, Image, Renderer, Result, Settings, Show, Task};
 use indicatif::ProgressBar;
 use serde_json::json;
 
@@ -60,7 +62,7 @@ impl Arguments {
             task,
             ..settings.clone()
         };
-        renderer.render(camera, &shown)?;
+        self.drawn(renderer, camera, &shown)?;
         let mut times = vec![renderer.times()];
         if let Some(frames) = self.output.frames {
             times.clear();
@@ -76,10 +78,9 @@ impl Arguments {
         }
         progress.set_message("writing");
         let shows_count = settings.show == Show::Count;
-        if shows_count {
-            write_count(&self.out, renderer.image())?;
-        } else {
-            overlays.write(&self.out, renderer.image())?;
+        let mut facts = Facts::of(renderer, settings.tolerance);
+        if !self.ending.writes() {
+            return self.end_image(renderer.image(), overlays, &facts);
         }
         let of_deep = self.output.depth_of.of_deep();
         if let (Some(path), Some(depth), None) = (&self.output.depth, renderer.depth(), of_deep) {
@@ -95,6 +96,7 @@ impl Arguments {
         let layers = renderer.layers().cloned();
         if self.method.measure_error || self.method.calibrate {
             progress.set_message("measuring the error");
+            // Measuring draws over it.
             let image = renderer.image().clone();
             let sample = match sample {
                 Some(sample) => sample,
@@ -106,9 +108,13 @@ impl Arguments {
             let error = sample.error_of(&image);
             stats["tolerance_asked"] = json!(asked);
             stats["measured_error"] = json!(error);
+            facts.measured_error = json!(error);
+            self.end_image(&image, overlays, &facts)?;
             if self.output.stats.is_none() {
                 progress.suspend(|| note!("{}", in_words(&error, asked, settings.tolerance)));
             }
+        } else {
+            self.end_image(renderer.image(), overlays, &facts)?;
         }
         if self.output.deep.is_some() || of_deep.is_some() {
             progress.set_message("drawing depths");
@@ -134,6 +140,16 @@ impl Arguments {
             note_thick_layers(&layers, settings.tolerance.into());
         }
         Ok(())
+    }
+
+    /// Writes or compares a picture, or counts of kernels.
+    fn end_image(&self, image: &Image, overlays: &Overlays, facts: &Facts) -> Result<()> {
+        match self.output.show {
+            ShowName::Count => self.end(&Drawn::Count(image), facts),
+            ShowName::Scene | ShowName::Choice => {
+                self.end(&Drawn::Picture(&*overlays.drawn(image)?), facts)
+            }
+        }
     }
 }
 

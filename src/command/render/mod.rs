@@ -12,34 +12,44 @@
 //! | `reference.rs` | the reference image |
 //! | `column.rs`, `column_mean.rs` | column densities, means along rays |
 //! | `count.rs` | counts of kernels in words |
+//! | `ending.rs`, `written.rs` | pictures written with their records, or compared |
+//! | `tiles.rs` | the tiles of two pictures compared |
 
 mod backdrop;
 mod check;
 mod column;
 mod column_mean;
 mod count;
+mod ending;
 mod image;
 mod options;
 mod reference;
 mod scene;
 mod sequence;
 mod settings;
+mod tiles;
+mod written;
 
 use std::time::Instant;
 
 use self::column::Columns;
+pub(super) use self::ending::Ending;
+use self::ending::{Facts, LastFacts};
 use self::image::{Picture, blend_of};
 pub(super) use self::options::{Arguments, BackendName};
 use self::scene::ReadyScene;
+pub(super) use self::tiles::{Comparison, DEFAULT_TILES, Found};
 use super::annotations::Overlays;
 use super::progress::{note, spinner, task_of};
 use super::ranks;
 use super::statistics::Prepared;
+use crate::opened;
 use crate::view::Camera;
 use crate::{Result, Settings};
 
 pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
     let begun = Instant::now();
+    opened::start();
     let mut ranks = arguments.mpi.then(ranks::start).transpose()?;
     let is_first = ranks.as_ref().is_none_or(|ranks| ranks.rank() == 0);
     let checked = arguments.check(is_first);
@@ -76,6 +86,7 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
         Some(ranks) => ranks.agree(made)?,
         None => made?,
     };
+    arguments.begin_record();
     let is_column = arguments.method.column_density;
     let camera = cameras[0].clone();
     let is_sequence = arguments.sequence.is_asked_for();
@@ -125,13 +136,16 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
         progress.suspend(|| note!("{note}"));
     }
     if is_sequence {
+        let facts = LastFacts::default();
         let mut draw = |n: usize| {
             let camera = &cameras[n];
             let over = Overlays::new(&annotations, legend.clone(), bounds, camera)?;
-            let image = renderer.render(camera, &settings)?;
-            Ok(over.drawn(image)?.into_owned())
+            let image = arguments.drawn(&mut renderer, camera, &settings)?;
+            let image = over.drawn(image)?.into_owned();
+            *facts.borrow_mut() = Facts::of(&renderer, settings.tolerance);
+            Ok(image)
         };
-        return arguments.draw_all(&cameras, &mut draw, ranks);
+        return arguments.draw_all(&cameras, &mut draw, &facts, ranks);
     }
     let picture = Picture {
         renderer: &mut renderer,

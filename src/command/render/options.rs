@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use super::backdrop::BackdropOptions;
+use super::ending::Ending;
 use crate::command::annotations::AnnotationOptions;
 use crate::command::cut::CutOptions;
 use crate::command::input::DataOptions;
@@ -12,6 +13,7 @@ use crate::command::parse;
 use crate::command::parse::{Background, Clip};
 use crate::command::sequence::SequenceOptions;
 use crate::command::truth::ReferenceName;
+use crate::command::typed::Typed;
 use crate::command::viewpoint::CameraOptions;
 use crate::image::DepthOf;
 use crate::load::Input;
@@ -71,6 +73,18 @@ pub(in crate::command) struct Arguments {
     pub(in crate::command) sequence: SequenceOptions,
     #[command(flatten)]
     pub(in crate::command) annotations: AnnotationOptions,
+    /// What becomes of the picture.
+    #[arg(skip)]
+    pub(in crate::command) ending: Ending,
+}
+
+impl Arguments {
+    /// Records in the picture how it was made, unless this is not wanted.
+    pub(in crate::command) fn record_as(&mut self, typed: Typed) {
+        if !self.output.no_provenance {
+            self.ending = Ending::recorded(typed, self.mpi);
+        }
+    }
 }
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
@@ -349,6 +363,10 @@ pub(in crate::command) struct Output {
     /// Write the normals of opaque surfels, world space: exr, pfm or npy
     #[arg(long, value_name = "FILE", conflicts_with_all = ["reference", "column_density"])]
     pub(in crate::command) normals: Option<PathBuf>,
+    /// Leave out of a png or exr how it was made: the command, the version, names and hashes of inputs. `verify` needs
+    /// them
+    #[arg(long)]
+    pub(in crate::command) no_provenance: bool,
     /// Render the frame N times after a warm-up and report median times
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub(in crate::command) frames: Option<u32>,

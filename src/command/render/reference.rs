@@ -2,7 +2,9 @@
 
 use std::time::Instant;
 
+use super::ending::Facts;
 use super::options::Arguments;
+use super::tiles::Drawn;
 use crate::Result;
 use crate::command::annotations::Overlays;
 use crate::command::outputs::warn_unconverged;
@@ -46,8 +48,9 @@ impl Arguments {
         if let Some(backdrop) = &backdrop {
             backdrop.lay_under(&mut frame.image, self.background());
         }
-        overlays.write(&self.out, &frame.image)?;
-        if let Some(path) = &self.output.stats {
+        let facts = Facts::of_reference(settings.error, frame.error);
+        self.end(&Drawn::Picture(&*overlays.drawn(&frame.image)?), &facts)?;
+        if let Some(path) = self.beside(self.output.stats.as_ref()) {
             let stats = json!({
                 "particles": truth.particle_count(),
                 "cells_left_out": truth.cells_left_out(),

@@ -204,7 +204,7 @@ impl Arguments {
 
     /// Writes the transfer function of a scene, if this was asked for.
     pub(super) fn write_function(&self, volumes: &[PointVolume]) -> Result<()> {
-        match &self.output.write_transfer_function {
+        match self.beside(self.output.write_transfer_function.as_ref()) {
             None => Ok(()),
             Some(path) => {
                 let function = written_function(volumes)?;

@@ -1,7 +1,9 @@
 //! Draws sequences of pictures: a turn, a path of cameras, time steps.
 
+use super::ending::{Facts, LastFacts};
 use super::image::blend_of;
 use super::options::Arguments;
+use super::tiles::Drawn;
 use crate::collective::Collective;
 use crate::command::animation::Animation;
 use crate::command::annotations::Overlays;
@@ -12,23 +14,40 @@ use crate::legend::legend_width;
 use crate::load::{Input, Loaded};
 use crate::sample::SampleOptions;
 use crate::view::{Bounds, Camera, left_of};
-use crate::{Image, Result, Settings};
+use crate::{Error, Image, Result, Settings};
 use indicatif::ProgressBar;
 
 impl Arguments {
-    /// Draws a picture for each camera and writes them. If there are ranks, they draw in turn.
-    pub(in crate::command) fn draw_all(
+    /// Draws a picture for each camera and writes them; or draws one and compares it. If there are ranks, they draw in turn.
+    pub(super) fn draw_all(
         &self,
         cameras: &[Camera],
         draw: &mut dyn FnMut(usize) -> Result<Image>,
+        facts: &LastFacts,
         ranks: Option<Box<dyn Collective>>,
     ) -> Result<()> {
         let count = cameras.len();
+        if let Some(comparison) = self.ending.comparison() {
+            let frame = comparison.frame.filter(|frame| *frame < count);
+            let frame = frame.ok_or_else(|| {
+                let expected = format!("the number of a picture among {count}");
+                let advice = "the record is damaged";
+                Error::invalid("record", "frame", expected, "none", advice)
+            })?;
+            let image = draw(frame)?;
+            return self.end(&Drawn::Picture(&image), &facts.borrow());
+        }
+        let mut pushed = 0;
+        let mut push = |animation: &mut Animation, image: &Image| {
+            let record = self.record(&facts.borrow(), Some(pushed));
+            pushed += 1;
+            animation.push_with(image, record.as_deref())
+        };
         let Some(mut ranks) = ranks else {
             let mut animation = self.animation(cameras)?;
             let bar = bar(count as u64).with_message("rendering");
             for n in 0..count {
-                animation.push(&draw(n)?)?;
+                push(&mut animation, &draw(n)?)?;
                 bar.inc(1);
             }
             bar.finish_and_clear();
@@ -40,7 +59,7 @@ impl Arguments {
         let bar = bar(count as u64).with_message("rendering");
         ranks::in_turn(&mut *ranks, count, draw, |image| {
             bar.inc(1);
-            animation.as_mut().map_or(Ok(()), |own| own.push(image))
+            animation.as_mut().map_or(Ok(()), |own| push(own, image))
         })?;
         bar.finish_and_clear();
         ranks.agree(animation.map_or(Ok(()), Animation::finish))
@@ -108,6 +127,7 @@ impl Arguments {
         let mut first = Some(first);
         let is_alone = ranks.is_none();
         let scene_options = self.scene_options(&options);
+        let facts = LastFacts::default();
         let mut draw = |n: usize| {
             let (mut scene, bounds, legend) = match first.take_if(|_| n == 0) {
                 Some(first) => first,
@@ -127,13 +147,14 @@ impl Arguments {
             if let Some(note) = blend.note().filter(|_| n == 0) {
                 progress.suspend(|| note!("{note}"));
             }
-            let image = renderer.render(&camera, &settings)?;
+            let image = self.drawn(&mut renderer, &camera, &settings)?.clone();
+            *facts.borrow_mut() = Facts::of(&renderer, settings.tolerance);
             let annotations = self.annotations.at(steps[n]);
             let over = Overlays::new(&annotations, legend, bounds, &camera)?;
-            Ok(over.drawn(image)?.into_owned())
+            Ok(over.drawn(&image)?.into_owned())
         };
         let cameras = vec![camera.clone(); steps.len()];
-        self.draw_all(&cameras, &mut draw, ranks)
+        self.draw_all(&cameras, &mut draw, &facts, ranks)
     }
 
     /// Opens the output for the pictures of the cameras.

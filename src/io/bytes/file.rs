@@ -10,6 +10,7 @@ use std::path::{Component, Path, PathBuf};
 
 use crate::error::{Error, Result};
 use crate::memory::{left, trying};
+use crate::opened;
 
 /// Number of bytes that contain every magic number and a line of column names.
 pub(crate) const HEAD: usize = 4096;
@@ -44,6 +45,7 @@ pub(crate) fn open_regular(path: &Path) -> Result<(File, u64)> {
     let len = regular_len(path)?;
     let file =
         File::open(path).map_err(|e| Error::io(path, "opening", e, "check the permissions"))?;
+    opened::note(path);
     Ok((file, len))
 }
 

@@ -9,7 +9,9 @@
 
 use std::path::Path;
 
-use super::image_file::{IMAGE_EXTENSIONS, check_size, grey_bytes, png_bytes, unknown_extension};
+use super::image_file::{
+    IMAGE_EXTENSIONS, check_size, grey_bytes, unknown_extension, write_image_with,
+};
 use crate::error::Result;
 use crate::image::{ColumnImage, Image, linear_from_srgb};
 use crate::io::bytes::atomic::write_bytes_atomically;
@@ -25,23 +27,27 @@ const LEAST_SIGNED: f32 = 1e-3;
 /// # Errors
 /// The errors of [`write_image`](crate::io::write_image).
 pub fn write_column(path: &Path, column: &ColumnImage) -> Result<()> {
+    write_column_with(path, column, None)
+}
+
+/// Writes a column density as [`write_column`] does, with a record of how it was made if the format has a place for it.
+pub(crate) fn write_column_with(
+    path: &Path,
+    column: &ColumnImage,
+    record: Option<&str>,
+) -> Result<()> {
     let (width, height) = (column.width, column.height);
     check_size(path, width, height, column.values.len())?;
-    let bytes = if extension(path) == "png" {
+    if extension(path) == "png" {
         let picture = match column_colours(column, None, None, None)? {
             Some(colours) => column_picture(column, &colours),
             None => Image::new(width, height),
         };
-        png_bytes(path, &picture)?
-    } else {
-        grey_bytes(
-            path,
-            [width, height],
-            &column.values,
-            ["Y", "column density"],
-        )
-        .ok_or_else(|| unknown_extension(path, IMAGE_EXTENSIONS))??
-    };
+        return write_image_with(path, &picture, record);
+    }
+    let names = ["Y", "column density"];
+    let bytes = grey_bytes(path, [width, height], &column.values, names, record)
+        .ok_or_else(|| unknown_extension(path, IMAGE_EXTENSIONS))??;
     write_bytes_atomically(path, &bytes)
 }
 

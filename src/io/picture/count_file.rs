@@ -1,5 +1,6 @@
 //! Writes kernel counts to files, as numbers or in colours; the extension chooses the format.
 
+use std::borrow::Cow;
 use std::path::Path;
 
 use super::column_file::viridis;
@@ -14,10 +15,14 @@ use crate::io::bytes::file::extension;
 /// # Errors
 /// The errors of [`write_image`].
 pub fn write_count(path: &Path, count: &Image) -> Result<()> {
-    if extension(path) == "png" {
-        write_image(path, &picture(count))
-    } else {
-        write_image(path, count)
+    write_image(path, &shown_count(path, count))
+}
+
+/// Returns the pixels that stand for counts in a file: the numbers, or colours in `png`.
+pub(crate) fn shown_count<'a>(path: &Path, count: &'a Image) -> Cow<'a, Image> {
+    match extension(path) == "png" {
+        true => Cow::Owned(picture(count)),
+        false => Cow::Borrowed(count),
     }
 }
 

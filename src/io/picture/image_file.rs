@@ -21,6 +21,7 @@ use exr::{
     WritableImage,
 };
 
+use super::provenance::{KEYWORD, exr_attribute};
 use super::samples::{Encoded, Refusal, png_file};
 use crate::error::{Error, Result};
 use crate::image::{DepthImage, Image, NormalImage, linear_from_srgb};
@@ -90,10 +91,17 @@ pub fn check_folder(path: &Path) -> Result<()> {
 /// The extension is unknown, or the image has no pixels; the errors of
 /// [`write_bytes_atomically`](crate::io::write_bytes_atomically).
 pub fn write_image(path: &Path, image: &Image) -> Result<()> {
+    write_image_with(path, image, None)
+}
+
+/// Writes an image as [`write_image`] does, with a record of how it was made if the format has a place for it.
+///
+/// - `record`: JSON in ASCII.
+pub(crate) fn write_image_with(path: &Path, image: &Image, record: Option<&str>) -> Result<()> {
     check_size(path, image.width, image.height, image.pixels.len())?;
     let bytes = match extension(path).as_str() {
-        "png" => png_bytes(path, image)?,
-        "exr" => exr_bytes(path, image)?,
+        "png" => png_bytes_with(path, image, record)?,
+        "exr" => exr_bytes(path, image, record)?,
         "pfm" => {
             let rows = image.pixels.chunks(image.width).rev();
             pfm_bytes(
@@ -119,7 +127,8 @@ pub fn write_image(path: &Path, image: &Image) -> Result<()> {
 pub fn write_depth(path: &Path, depth: &DepthImage) -> Result<()> {
     let (width, height) = (depth.width, depth.height);
     check_size(path, width, height, depth.depths.len())?;
-    let bytes = grey_bytes(path, [width, height], &depth.depths, ["Z", "depth"])
+    let names = ["Z", "depth"];
+    let bytes = grey_bytes(path, [width, height], &depth.depths, names, None)
         .ok_or_else(|| unknown_extension(path, DEPTH_EXTENSIONS))??;
     write_bytes_atomically(path, &bytes)
 }
@@ -171,12 +180,16 @@ pub fn write_normals(path: &Path, normals: &NormalImage) -> Result<()> {
 }
 
 /// Returns the bytes of a file with one f32 per pixel. The extension of `path` chooses `exr`, `pfm` or `npy`; `None`
-/// for others. `names` are those of the channel and the layer.
+/// for others.
+///
+/// - `names`: those of the channel and the layer.
+/// - `record`: record of how the picture was made, for `exr`.
 pub(in crate::io) fn grey_bytes(
     path: &Path,
     [width, height]: [usize; 2],
     values: &[f32],
     [channel, layer]: [&str; 2],
+    record: Option<&str>,
 ) -> Option<Result<Vec<u8>>> {
     match extension(path).as_str() {
         "exr" => {
@@ -190,7 +203,7 @@ pub(in crate::io) fn grey_bytes(
                 channels,
             );
             let mut bytes = Vec::new();
-            let written = exr::Image::from_layer(layer)
+            let written = with_record(exr::Image::from_layer(layer), record)
                 .write()
                 .non_parallel()
                 .to_buffered(Cursor::new(&mut bytes));
@@ -369,7 +382,7 @@ fn encoding_failed(path: &Path, error: &dyn std::fmt::Display) -> Error {
     )
 }
 
-fn damaged(path: &Path, expected: &str, found: impl Into<String>) -> Error {
+pub(super) fn damaged(path: &Path, expected: &str, found: impl Into<String>) -> Error {
     Error::format(
         path,
         "image",
@@ -384,6 +397,11 @@ fn damaged(path: &Path, expected: &str, found: impl Into<String>) -> Error {
 /// # Errors
 /// The image has no pixels, or more than the format allows.
 pub fn png_bytes(path: &Path, image: &Image) -> Result<Vec<u8>> {
+    png_bytes_with(path, image, None)
+}
+
+/// As [`png_bytes`], with a record of how the picture was made.
+fn png_bytes_with(path: &Path, image: &Image, record: Option<&str>) -> Result<Vec<u8>> {
     let size = [image.width, image.height].map(|n| u32::try_from(n).unwrap_or(u32::MAX));
     let (mut channels, mut numbers) = (4, image.to_srgb8());
     if image.pixels.iter().all(|p| p[3] >= 1.0) {
@@ -395,16 +413,24 @@ pub fn png_bytes(path: &Path, image: &Image) -> Result<Vec<u8>> {
                 .collect(),
         );
     }
-    png_file(size, channels, &numbers).map_err(|e| encoding_failed(path, &e))
+    let note = record.map(|record| (KEYWORD, record));
+    png_file(size, channels, &numbers, note).map_err(|e| encoding_failed(path, &e))
 }
 
-fn exr_bytes(path: &Path, image: &Image) -> Result<Vec<u8>> {
+/// Returns an image of one layer in EXR's memory, with a record of how it was made.
+fn with_record<L>(mut image: exr::Image<L>, record: Option<&str>) -> exr::Image<L> {
+    image.attributes.other.extend(exr_attribute(record));
+    image
+}
+
+fn exr_bytes(path: &Path, image: &Image, record: Option<&str>) -> Result<Vec<u8>> {
     let channels = SpecificChannels::rgba(|at: exr::Vec2<usize>| {
         let [r, g, b, a] = image.pixel(at.x(), at.y());
         (r, g, b, a)
     });
     let mut bytes = Vec::new();
-    exr::Image::from_channels((image.width, image.height), channels)
+    let whole = exr::Image::from_channels((image.width, image.height), channels);
+    with_record(whole, record)
         .write()
         .non_parallel()
         .to_buffered(Cursor::new(&mut bytes))
@@ -452,7 +478,7 @@ fn read_png(path: &Path, bytes: &[u8]) -> Result<Image> {
 
 /// Reads the first layer with channels R, G and B, over the display window. Pixels outside the layer are transparent;
 /// pixels outside the window are left out. A layer without A is opaque.
-fn read_exr(path: &Path, bytes: &[u8]) -> Result<Image> {
+pub(super) fn read_exr(path: &Path, bytes: &[u8]) -> Result<Image> {
     let broken = |e: exr::Error| damaged(path, "an EXR image", e.to_string());
     let reader = block::read(Cursor::new(bytes), false).map_err(broken)?;
     let is_colour = |header: &&Header| {
@@ -499,7 +525,7 @@ fn read_exr(path: &Path, bytes: &[u8]) -> Result<Image> {
 }
 
 /// Refuses dimensions that the file's bytes cannot contain at the strongest compression (one bit per pixel, deflated).
-fn check_claim(path: &Path, len: usize, [width, height]: [usize; 2]) -> Result<()> {
+pub(super) fn check_claim(path: &Path, len: usize, [width, height]: [usize; 2]) -> Result<()> {
     let most = (len as u64).saturating_mul(8 * DEFLATE_RATIO);
     let claimed = (width as u64).saturating_mul(height as u64);
     if claimed > most || claimed == 0 {

@@ -4,4 +4,7 @@ pub(super) mod column_file;
 pub(super) mod count_file;
 pub(super) mod deep_file;
 pub(super) mod image_file;
+pub(super) mod provenance;
 pub(super) mod samples;
+#[cfg(feature = "cli")]
+pub(super) mod stored;

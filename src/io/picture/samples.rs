@@ -106,6 +106,14 @@ fn damaged(error: impl std::fmt::Display) -> Refusal {
     Refusal::Damaged(text.lines().next().unwrap_or("").to_owned())
 }
 
+/// Bytes that a PNG decoder may allocate: the greatest ratio of deflate, with some more for small images.
+pub(super) fn png_limits(bytes: &[u8]) -> png::Limits {
+    let limit = bytes.len() as u64 * DEFLATE_RATIO + (1 << 20);
+    png::Limits {
+        bytes: usize::try_from(limit).unwrap_or(usize::MAX),
+    }
+}
+
 impl<'a> Encoded<'a> {
     /// Reads the header of a file; the format follows from its first bytes.
     pub(in crate::io) fn open(bytes: &'a [u8]) -> Result<Self, Refusal> {
@@ -156,12 +164,7 @@ impl<'a> Encoded<'a> {
 
     /// Reads the header of a PNG file.
     pub(in crate::io) fn png(bytes: &'a [u8]) -> Result<Self, Refusal> {
-        // The greatest ratio of deflate, with some more for small images.
-        let limit = bytes.len() as u64 * DEFLATE_RATIO + (1 << 20);
-        let limits = png::Limits {
-            bytes: usize::try_from(limit).unwrap_or(usize::MAX),
-        };
-        let mut decoder = png::Decoder::new_with_limits(Cursor::new(bytes), limits);
+        let mut decoder = png::Decoder::new_with_limits(Cursor::new(bytes), png_limits(bytes));
         decoder.set_ignore_text_chunk(true);
         decoder.set_ignore_iccp_chunk(true);
         // Palettes and fewer than eight bits become eight; sixteen stay.
@@ -407,12 +410,15 @@ fn pixels<T, U: Copy>(
 
 /// A PNG file of eight bits and `channels` (3 or 4) per pixel, deflated fast.
 ///
+/// - `note`: keyword and text of an iTXt chunk.
+///
 /// # Errors
 /// The encoder's error: sizes that disagree.
 pub(in crate::io) fn png_file(
     [width, height]: [u32; 2],
     channels: usize,
     numbers: &[u8],
+    note: Option<(&str, &str)>,
 ) -> Result<Vec<u8>, png::EncodingError> {
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, width, height);
@@ -423,6 +429,9 @@ pub(in crate::io) fn png_file(
     encoder.set_depth(png::BitDepth::Eight);
     encoder.set_compression(png::Compression::Fast);
     encoder.set_filter(png::Filter::Adaptive);
+    if let Some((keyword, text)) = note {
+        encoder.add_itxt_chunk(keyword.into(), text.into())?;
+    }
     let mut writer = encoder.write_header()?;
     writer.write_image_data(numbers)?;
     writer.finish()?;
