@@ -17,7 +17,8 @@ use crate::load::Input;
 const OF_PROGRAM: [&str; 2] = ["quiet", "errors"];
 
 /// Options that name files to write.
-const OUTPUTS: [&str; 5] = [
+const OUTPUTS: [&str; 6] = [
+    "deep",
     "out",
     "stats",
     "depth",

@@ -229,6 +229,81 @@ fn a_picture_stands_behind_the_scene() {
 }
 
 #[test]
+fn a_picture_in_another_renderers_scene_can_be_checked() {
+    let folder = folder();
+    let folder = folder.path();
+    write_depth(&folder.join("z.npy"), &depths()).unwrap();
+    write_image(&folder.join("wall.exr"), &Image::new(SIZE[0], SIZE[1])).unwrap();
+    let line = format!(
+        "{VIEW} --fov 30 --depth-in z.npy --background-image wall.exr --deep deep.exr --depth mean.npy --depth-of mean \
+         --out made.png"
+    );
+    let words: Vec<&str> = line.split_whitespace().collect();
+    let output = run(folder, &words);
+    assert!(!output.status.success());
+    assert!(
+        text(&output.stderr).contains("--deep"),
+        "deep images have no backdrop"
+    );
+    let words: Vec<&str> = words
+        .into_iter()
+        .filter(|w| !["--deep", "deep.exr"].contains(w))
+        .collect();
+    let words = &words[..words.len() - 6];
+    let words = [words, &["--out", "made.png"]].concat();
+    let output = run(folder, &words);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let verified = |word: &str| {
+        let output = run(folder, &["verify", "made.png"]);
+        let said = text(&output.stdout) + &text(&output.stderr);
+        assert!(said.contains(word), "{said}");
+    };
+    verified("equal");
+    let mut other = depths();
+    other.depths[3] = 2.0;
+    write_depth(&folder.join("z.npy"), &other).unwrap();
+    verified("z.npy");
+}
+
+#[test]
+fn deep_images_and_their_depths_are_written_beside_the_picture() {
+    let folder = folder();
+    let folder = folder.path();
+    let drawn = |options: &str| {
+        picture(
+            folder,
+            &format!("--size 64x48 --opaque-edges off {options}"),
+        )
+    };
+    let whole = drawn("--deep deep.exr --depth entry.npy --depth-of entry");
+    let entry = read_depth(&folder.join("entry.npy")).unwrap();
+    assert_eq!(drawn("--depth exit.npy --depth-of exit"), whole);
+    let exit = read_depth(&folder.join("exit.npy")).unwrap();
+    assert_eq!(drawn("--depth kernel.npy"), whole);
+    let kernel = read_depth(&folder.join("kernel.npy")).unwrap();
+    let mut inside = 0;
+    for i in 0..entry.depths.len() {
+        let (entry, kernel, exit) = (entry.depths[i], kernel.depths[i], exit.depths[i]);
+        assert_eq!(entry < f32::INFINITY, exit < f32::INFINITY);
+        if kernel < f32::INFINITY {
+            // The kernel's own depth is that of its centre.
+            assert!(entry <= exit && entry < kernel + 0.3 && kernel < exit + 0.6);
+            inside += 1;
+        }
+    }
+    assert!(inside > 100, "{inside}");
+    let bytes = std::fs::read(folder.join("deep.exr")).unwrap();
+    assert_eq!(bytes[..8], [0x76, 0x2f, 0x31, 0x01, 2, 8, 0, 0]);
+    for options in [
+        "--deep deep.png",
+        "--depth-of mean",
+        "--deep deep.exr --turntable 3",
+    ] {
+        refusal(folder, options);
+    }
+}
+
+#[test]
 fn what_does_not_fit_is_refused() {
     let folder = folder();
     let folder = folder.path();

@@ -350,7 +350,8 @@ pub(in crate::command) struct Output {
     #[arg(long, value_name = "FILE")]
     pub(in crate::command) depth: Option<PathBuf>,
     /// What --depth writes, if not the depth of the kernel at which half the light is gone
-    #[arg(long, value_enum, default_value = "kernel", requires = "depth")]
+    #[arg(long, value_enum, default_value = "kernel", requires = "depth",
+          conflicts_with_all = ["depth_in", "background_image", "mpi"])]
     pub(in crate::command) depth_of: DepthOfName,
     /// Write a deep image: colours and opacities along the ray of each pixel, so that another program can put things at
     /// any depth into the picture; exr
