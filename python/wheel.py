@@ -21,9 +21,9 @@ def main() -> int:
     parser.add_argument("--target", help="the processor and system, as Rust calls them; by default those of this machine")
     parser.add_argument("--out", type=Path, default=ROOT / "target" / "wheels", help="folder of the wheel")
     said = parser.parse_args()
-    for_linux = "linux" in said.target if said.target else sys.platform == "linux"
+    for_linux = "linux-gnu" in said.target if said.target else sys.platform == "linux"
 
-    place = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "wheel-environment"
+    place = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / ("wheel-tools-zig" if for_linux else "wheel-tools")
     tools = place / ("Scripts" if os.name == "nt" else "bin")
     if not (tools / "maturin").exists() and not (tools / "maturin.exe").exists():
         venv.create(place, with_pip=True)

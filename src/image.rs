@@ -4,7 +4,6 @@ mod deep;
 
 use crate::constants::{SRGB_GAMMA, SRGB_LINEAR_END, SRGB_OFFSET, SRGB_SCALE, SRGB_SLOPE};
 
-pub(crate) use deep::part_of;
 pub use deep::{DeepImage, DeepSample, DepthOf};
 
 /// An image of linear premultiplied RGBA in f32, rows from the top.
@@ -164,7 +163,7 @@ impl Image {
     }
 }
 
-/// Applies a curve to the straight colour of a premultiplied pixel. A pixel without opacity adds nothing, or light.
+/// Applies a curve to the colour of a premultiplied pixel, divided by its opacity; of a pixel without opacity, to what it adds.
 pub(crate) fn of_straight([r, g, b, a]: [f32; 4], curve: impl Fn(f32) -> f32) -> [f32; 4] {
     let share = if a > 0.0 { a } else { 1.0 };
     let [r, g, b] = [r, g, b].map(|c| share * curve(c / share));

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import maturin
-from maturin import (  # noqa: F401: hooks of the build that need no compiler
+from maturin import (  # noqa: F401: hooks that stay as they are
     build_sdist,
     get_requires_for_build_editable,
     get_requires_for_build_sdist,
@@ -32,10 +32,12 @@ def check() -> None:
     rust = wanted()
     needs = NEEDS.format(rust=rust)
     print(f"ewa-splat: {needs}", file=sys.stderr, flush=True)
-    advice = "install Rust (rustup), or take a wheel: pip install --only-binary ewa-splat ewa-splat"
+    advice = "update it (rustup update), or take a wheel: pip install --only-binary ewa-splat ewa-splat"
     compiler = shutil.which("rustc")
-    if compiler is None or shutil.which("cargo") is None:
-        raise SystemExit(f"ewa-splat: {needs}; found no Rust: {advice}")
+    if compiler is None:
+        # maturin fetches one, or says why not.
+        print("ewa-splat: found no Rust", file=sys.stderr, flush=True)
+        return
     said = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=False).stdout
     found = re.search(r"(\d+)\.(\d+)", said)
     if found and tuple(map(int, found.groups())) < tuple(map(int, rust.split(".")[:2])):

@@ -1,6 +1,6 @@
 //! Records how a picture was made: the command, the program's version, its inputs and their hashes.
 //!
-//! Names of files stand without their folders, so that a picture tells nothing of the machine that made it.
+//! Names of files stand without their folders, so that a picture tells nothing of where they lie or whose they are.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsStr;
@@ -24,6 +24,9 @@ const MOST_WHOLE: u64 = 2 << 30;
 
 /// Length of each end that is hashed, bytes.
 const END: u64 = 64 << 20;
+
+/// Bytes that are hashed for one record. Further files are not.
+const MOST_IN_ALL: u64 = 4 << 30;
 
 /// Greatest number of files that are hashed.
 pub(crate) const MOST_FILES: usize = 1000;
@@ -134,6 +137,16 @@ pub(crate) fn hash_of(bytes: &[u8]) -> [u8; 32] {
 /// Hashes of files by path.
 type Known = Arc<Mutex<BTreeMap<PathBuf, Hashed>>>;
 
+/// Returns the bytes that were read for hashes.
+fn spent(known: &BTreeMap<PathBuf, Hashed>) -> u64 {
+    let bytes = known.values().map(|hash| match hash {
+        Hashed::Whole { bytes, .. } => *bytes,
+        Hashed::Ends { .. } => 2 * END,
+        Hashed::Not(_) => 0,
+    });
+    bytes.sum()
+}
+
 /// Hashes of the files that a command reads. A thread of its own hashes while the picture is drawn.
 #[derive(Debug, Default)]
 pub(crate) struct Hashes {
@@ -147,7 +160,7 @@ impl Hashes {
         let known = Arc::clone(&self.known);
         let hash = move || {
             for path in opened::files().into_iter().take(MOST_FILES) {
-                let _ = hashed(&known, &path);
+                let _ = recorded(&known, &path);
             }
         };
         let mut thread = self.thread.lock().unwrap_or_else(PoisonError::into_inner);
@@ -172,9 +185,9 @@ impl Hashes {
         beside.retain(|path| !is_given.contains(&real(path)));
         beside.sort_by_cached_key(|path| (name_of(path), path.clone()));
         let left_out = (given.len() + beside.len()).saturating_sub(MOST_FILES);
-        beside.truncate(MOST_FILES.saturating_sub(given.len()));
         let mut entries: Vec<Value> = (given.iter().chain(&beside))
-            .map(|path| hashed(&self.known, path).entry(&name_of(path)))
+            .take(MOST_FILES)
+            .map(|path| recorded(&self.known, path).entry(&name_of(path)))
             .collect();
         if left_out > 0 {
             let reason = format!("more than {MOST_FILES} files");
@@ -186,6 +199,18 @@ impl Hashes {
     /// Returns the hash of a file.
     pub(crate) fn of(&self, path: &Path) -> Hashed {
         hashed(&self.known, path)
+    }
+}
+
+/// Returns the hash of a file for a record: none once the files before it were long enough.
+fn recorded(known: &Known, path: &Path) -> Hashed {
+    let is_full = {
+        let known = known.lock().unwrap_or_else(PoisonError::into_inner);
+        !known.contains_key(path) && spent(&known) >= MOST_IN_ALL
+    };
+    match is_full {
+        true => Hashed::Not(format!("more than {} GiB in all", MOST_IN_ALL >> 30)),
+        false => hashed(known, path),
     }
 }
 

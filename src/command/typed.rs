@@ -119,8 +119,13 @@ pub(crate) fn renamed(
 
 /// Adds the words of one occurrence of an argument.
 fn add(words: &mut Vec<OsString>, arg: &Arg, values: Vec<OsString>) {
+    let is_option = |word: &OsStr| word.to_string_lossy().starts_with('-');
     let Some(name) = arg.get_long() else {
-        words.extend(values);
+        // A file's name that begins as an option does.
+        words.extend(values.into_iter().map(|value| match is_option(&value) {
+            true => Path::new(".").join(value).into(),
+            false => value,
+        }));
         return;
     };
     let name = format!("--{name}");
@@ -133,7 +138,7 @@ fn add(words: &mut Vec<OsString>, arg: &Arg, values: Vec<OsString>) {
         Some(delimiter) => vec![values.join(OsStr::new(&delimiter.to_string()))],
         None => values,
     };
-    if arg.is_require_equals_set() {
+    if arg.is_require_equals_set() || matches!(&listed[..], [one] if is_option(one)) {
         let mut word = OsString::from(name + "=");
         listed.iter().for_each(|value| word.push(value));
         words.push(word);
@@ -226,12 +231,10 @@ mod tests {
         let expected = [
             "render",
             "a b.vtu",
-            "--isosurface",
-            "-0.5",
+            "--isosurface=-0.5",
             "--clip",
             "0,0,1,-2",
-            "--translate",
-            "-1,0,0",
+            "--translate=-1,0,0",
             "a b.vtu@v/w@cells@f.json",
             "--out",
             "p.png",
@@ -268,7 +271,15 @@ mod tests {
             .map(|arg| arg.get_id().as_str());
         let mut inputs: Vec<&str> = paths.filter(|id| !OUTPUTS.contains(id)).collect();
         inputs.sort_unstable();
-        assert_eq!(inputs, ["camera", "camera_path", "solution", "texture"]);
+        let expected = [
+            "background_image",
+            "camera",
+            "camera_path",
+            "depth_in",
+            "solution",
+            "texture",
+        ];
+        assert_eq!(inputs, expected);
         for output in OUTPUTS {
             assert!(command.get_arguments().any(|arg| arg.get_id() == output));
         }

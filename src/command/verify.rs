@@ -97,7 +97,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         note!(
             "{}: made by version {}, compared by {own}",
             path.display(),
-            record.version
+            plain(&record.version)
         );
     }
     let mut search = Search::new(arguments, &record)?;
@@ -429,8 +429,16 @@ impl Fault {
 
 /// Lists faults in words.
 fn list(faults: &[(String, Fault)]) -> String {
-    let of = |(file, fault): &(String, Fault)| format!("{file} {}", fault.name());
+    let of = |(file, fault): &(String, Fault)| format!("{} {}", plain(file), fault.name());
     faults.iter().map(of).collect::<Vec<_>>().join(", ")
+}
+
+/// Returns a text of a record for a terminal: without control characters, and not long.
+fn plain(text: &str) -> String {
+    let visible = text.chars().take(200);
+    visible
+        .map(|c| if c.is_control() { '?' } else { c })
+        .collect()
 }
 
 /// Adds to a report what was found, and returns the result in words.
@@ -463,7 +471,7 @@ const MOST_LISTED: usize = 10;
 fn print(report: &Value) {
     let row = |name: &str, value: String| super::say!("{name:<18} {value}");
     let text = |value: &Value| match value {
-        Value::String(text) => text.clone(),
+        Value::String(text) => plain(text),
         Value::Null => "infinite".into(),
         other => other.to_string(),
     };

@@ -83,7 +83,7 @@ impl DeepSample {
 }
 
 /// Returns the opacity of a share of a sample's optical depth.
-pub(crate) fn part_of(alpha: f32, share: f32) -> f32 {
+fn part_of(alpha: f32, share: f32) -> f32 {
     match alpha < 1.0 {
         true => -(share * (-alpha).ln_1p()).exp_m1(),
         false => alpha,

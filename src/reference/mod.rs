@@ -137,7 +137,8 @@ impl Integrator {
         self
     }
 
-    /// Ends the rays through each pixel at its depth, as a [`Backdrop`](crate::render::Backdrop) does.
+    /// Ends the rays through each pixel at its depth, as a [`Backdrop`](crate::render::Backdrop) does. Images must have the
+    /// size of the depths.
     pub fn ended(mut self, depth: DepthImage) -> Self {
         self.ends = Some(depth);
         self
@@ -162,7 +163,7 @@ impl Integrator {
     /// # Errors
     /// An image without pixels; settings out of range; work that was cancelled.
     pub fn render(&self, camera: &Camera, settings: &ReferenceSettings) -> Result<ReferenceFrame> {
-        check(camera, settings)?;
+        check(camera, settings, self.ends.as_ref())?;
         let h2 = settings.low_pass_variance_px2;
         let mut view = View::list(self, camera, settings.pixel_filter, h2);
         view.traversal = {

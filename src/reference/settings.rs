@@ -1,7 +1,7 @@
 //! Defines settings of reference images, and their results.
 
 use crate::error::{Error, Result};
-use crate::image::Image;
+use crate::image::{DepthImage, Image};
 use crate::task::Task;
 use crate::view::Camera;
 
@@ -63,9 +63,15 @@ pub struct ReferenceFrame {
 
 /// Refuses settings out of range.
 ///
+/// - `ends`: depths at which rays end.
+///
 /// # Errors
-/// An image without pixels; an error or a variance out of range.
-pub(super) fn check(camera: &Camera, settings: &ReferenceSettings) -> Result<()> {
+/// An image without pixels; an error or a variance out of range; depths of another size.
+pub(super) fn check(
+    camera: &Camera,
+    settings: &ReferenceSettings,
+    ends: Option<&DepthImage>,
+) -> Result<()> {
     let refuse = |place: &str, expected: &str, found: String| {
         let advice = "change it";
         Err(Error::invalid("reference", place, expected, found, advice))
@@ -73,6 +79,18 @@ pub(super) fn check(camera: &Camera, settings: &ReferenceSettings) -> Result<()>
     if camera.width == 0 || camera.height == 0 {
         let found = format!("{} x {}", camera.width, camera.height);
         return refuse("image size", "at least one pixel", found);
+    }
+    if let Some(ends) = ends {
+        let size = [camera.width, camera.height];
+        let count = camera.width.saturating_mul(camera.height);
+        if [ends.width, ends.height] != size || ends.depths.len() != count {
+            let expected = format!("{} x {} pixels, as the image", size[0], size[1]);
+            return refuse(
+                "ends of rays",
+                &expected,
+                format!("{} x {}", ends.width, ends.height),
+            );
+        }
     }
     let error = settings.error;
     if !(1e-14..1.0).contains(&error) {

@@ -34,7 +34,8 @@ impl<'a> Sight<'a> {
         let at = |ends: &DepthImage| {
             let [x, y] = pixel_px.to_array();
             let is_inside = x >= 0.0 && x < ends.width as f64 && y >= 0.0 && y < ends.height as f64;
-            let depth = is_inside.then(|| ends.depths[y as usize * ends.width + x as usize]);
+            let index = is_inside.then_some(y as usize * ends.width + x as usize);
+            let depth = index.and_then(|index| ends.depths.get(index).copied());
             depth.map_or(f64::INFINITY, |z| f64::from(z) / direction.z)
         };
         self.ends.map_or(f64::INFINITY, at)

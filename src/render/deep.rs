@@ -13,8 +13,8 @@ use crate::constants::MAX_CUTOFF;
 use crate::error::{Error, Result};
 use crate::frame::backdrop::Backdrop;
 use crate::frame::plan::FramePlan;
-use crate::frame::settings::{Settings, Show};
-use crate::image::{DeepImage, DeepSample, DepthImage, Image, part_of};
+use crate::frame::settings::{Composite, Settings, Show};
+use crate::image::{DeepImage, DeepSample, DepthImage, Image};
 use crate::math::narrowed;
 use crate::task::Stage;
 use crate::view::{Camera, Projection};
@@ -25,7 +25,7 @@ const MOST_FRAMES: usize = 96;
 /// Number of parts of the visible depths; a wider interval is halved even if its middle is what its ends predict.
 const PARTS: f32 = 16.0;
 
-/// Relative width of the depths of a surface.
+/// Width of the depths of a surface, as a share of the visible depths.
 const SURFACE_WIDTH: f32 = 1.0 / 8192.0;
 
 /// Share of the tolerance by which the middle of a known interval may differ from what is predicted. The rest is for
@@ -42,6 +42,16 @@ struct Knot {
     rgba: [f32; 4],
     /// True if the interval from here to the next knot is known.
     is_known: bool,
+}
+
+/// Bounds by which an interval is known.
+struct Rule {
+    /// What may be missed.
+    least: f32,
+    /// Greatest width of an interval that is known by its middle.
+    widest: f32,
+    /// Width of the depths of a surface.
+    narrow: f32,
 }
 
 impl Renderer {
@@ -74,6 +84,9 @@ impl Renderer {
         if settings.show != Show::Scene {
             return refuse("the scene", "counts or choices");
         }
+        if let Composite::Maximum { .. } = settings.composite {
+            return refuse("a composite of what lies along the rays", "a maximum");
+        }
         if self.blends_encoded(settings) {
             return refuse(
                 "light that is composited linearly",
@@ -102,7 +115,11 @@ impl Renderer {
             });
         };
         let least = settings.tolerance * SHARE;
-        let widest = (farthest - nearest) / PARTS;
+        let rule = Rule {
+            least,
+            widest: (farthest - nearest) / PARTS,
+            narrow: (farthest - nearest) * SURFACE_WIDTH,
+        };
         let begin = |rgba: &[f32; 4]| {
             let is_known = adds_little([0.0; 4], *rgba, least);
             let knot = |depth, rgba, is_known| Knot {
@@ -144,14 +161,14 @@ impl Renderer {
                 .zip(pixels)
                 .for_each(|((ray, middle), rgba)| {
                     if let Some((at, depth)) = middle {
-                        halve(ray, at, depth, *rgba, least, widest);
+                        halve(ray, at, depth, *rgba, &rule);
                     }
                 });
             stage.advance(1);
         }
         stage.reach(1.0);
         self.images.image = whole;
-        Ok(joined(size, &rays, least))
+        Ok(joined(size, &rays, &rule))
     }
 
     /// Returns the least and the greatest depth of what may be visible; `None` if nothing is.
@@ -188,14 +205,15 @@ fn next(ray: &[Knot]) -> Option<(usize, f32)> {
 }
 
 /// Adds the middle of an interval to a ray.
-fn halve(ray: &mut Vec<Knot>, at: usize, depth: f32, rgba: [f32; 4], least: f32, widest: f32) {
+fn halve(ray: &mut Vec<Knot>, at: usize, depth: f32, rgba: [f32; 4], rule: &Rule) {
     let (from, to) = (ray[at], ray[at + 1]);
     // The middle says nothing of a first half that is opaque by itself.
     let is_predicted = between(&from, &to)[3] <= MOST_OPACITY
-        && adds_little(predicted(&from, &to, depth), rgba, least);
-    let is_narrow = |width: f32| width <= depth.abs() * SURFACE_WIDTH;
+        && adds_little(predicted(&from, &to, depth), rgba, rule.least);
     let known = |a: [f32; 4], b: [f32; 4], width: f32| {
-        adds_little(a, b, least) || is_narrow(width) || is_predicted && width <= widest
+        adds_little(a, b, rule.least)
+            || width <= rule.narrow
+            || is_predicted && width <= rule.widest
     };
     ray[at].is_known = known(from.rgba, rgba, depth - from.depth);
     let middle = Knot {
@@ -208,15 +226,15 @@ fn halve(ray: &mut Vec<Knot>, at: usize, depth: f32, rgba: [f32; 4], least: f32,
 
 /// Returns what a ray has gathered up to a depth between two others, if the optical depth is spread evenly between them.
 fn predicted(from: &Knot, to: &Knot, depth: f32) -> [f32; 4] {
-    let share = (depth - from.depth) / (to.depth - from.depth);
-    let sample = between(from, to);
-    let alpha = sample[3];
-    let part = part_of(alpha, share);
-    let of_whole = if alpha == 0.0 { share } else { part / alpha };
+    let sample = DeepSample {
+        front: from.depth,
+        back: to.depth,
+        rgba: between(from, to),
+    };
     let mut rgba = from.rgba;
     let through = 1.0 - from.rgba[3];
-    for (sum, own) in rgba.iter_mut().zip(sample) {
-        *sum += through * own * of_whole;
+    for (sum, own) in rgba.iter_mut().zip(sample.before(depth)) {
+        *sum += through * own;
     }
     rgba
 }
@@ -235,7 +253,7 @@ fn between(from: &Knot, to: &Knot) -> [f32; 4] {
 }
 
 /// Makes samples of rays. Neighbouring intervals become one sample if it predicts the depths between them.
-fn joined(size: [usize; 2], rays: &[Vec<Knot>], least: f32) -> DeepImage {
+fn joined(size: [usize; 2], rays: &[Vec<Knot>], rule: &Rule) -> DeepImage {
     let of_ray = |ray: &Vec<Knot>| {
         let mut samples: Vec<DeepSample> = Vec::new();
         let mut first = 0;
@@ -250,13 +268,13 @@ fn joined(size: [usize; 2], rays: &[Vec<Knot>], least: f32) -> DeepImage {
                 && !is_empty(last)
                 && (first + 1..=last).all(|k| {
                     let at = predicted(&ray[first], &ray[last + 1], ray[k].depth);
-                    adds_little(at, ray[k].rgba, least)
+                    adds_little(at, ray[k].rgba, rule.least)
                 })
             {
                 last += 1;
             }
             let (from, to) = (&ray[first], &ray[last]);
-            let is_surface = to.depth - from.depth <= 2.0 * SURFACE_WIDTH * to.depth.abs();
+            let is_surface = to.depth - from.depth <= 2.0 * rule.narrow;
             samples.push(DeepSample {
                 front: if is_surface { to.depth } else { from.depth },
                 back: to.depth,

@@ -473,7 +473,7 @@ fn depth_kind<A: Arguments>(said: &mut A) -> Result<DepthKind, A::Error> {
             "background_depth_range: expected the near and the far plane of opengl, found none",
         )),
         (_, Some(_)) => Err(A::refused(
-            "background_depth_range: expected background_depth_is opengl beside it, found another",
+            "background_depth_range: expected background_depth_is \"opengl\" beside it, found another kind",
         )),
         (1, None) => Ok(DepthKind::Distance),
         (_, None) => Ok(DepthKind::Z),

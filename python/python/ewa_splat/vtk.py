@@ -12,6 +12,7 @@ Examples
 
 from __future__ import annotations
 
+import sys
 import warnings
 from typing import Any
 
@@ -310,7 +311,11 @@ class Actor:
     def _warn(self, text: str) -> None:
         if text not in self._warned:
             self._warned.add(text)
-            warnings.warn(f"ewa_splat: {text}", RuntimeWarning, stacklevel=2)
+            try:
+                warnings.warn(f"ewa_splat: {text}", RuntimeWarning, stacklevel=2)
+            except RuntimeWarning as warning:
+                # Where warnings are errors: VTK would end the process.
+                print(warning, file=sys.stderr)
 
     def _drawn(self) -> None:
         """Draw into the frame. VTK ends the process if this raises, or prints and goes on, so that errors are warnings."""

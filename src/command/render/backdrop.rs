@@ -19,7 +19,8 @@ pub(in crate::command) struct BackdropOptions {
     #[arg(long, value_enum, default_value = "z", requires = "depth_in")]
     depth_in_is: DepthName,
     /// Distances of the near and the far plane, for --depth-in-is opengl
-    #[arg(long, value_name = "NEAR,FAR", value_parser = parse::near_and_far, requires = "depth_in")]
+    #[arg(long, value_name = "NEAR,FAR", value_parser = parse::near_and_far, requires = "depth_in",
+          allow_hyphen_values = true)]
     depth_in_range: Option<[f64; 2]>,
     /// Picture behind the scene, of the same size: png, exr, pfm or npy. Without it what --depth-in hides is left
     /// transparent, or in the colour of --background
@@ -48,17 +49,20 @@ impl BackdropOptions {
     pub(in crate::command) fn read(&mut self) -> Result<Option<[usize; 2]>> {
         let is_range_wanted = self.depth_in_is == DepthName::Opengl;
         if is_range_wanted != self.depth_in_range.is_some() {
-            let [expected, found] = match is_range_wanted {
-                true => ["the distances of its planes", "none"],
-                false => ["none", "--depth-in-range"],
+            let [option, expected, found] = match is_range_wanted {
+                true => [
+                    "--depth-in-is opengl",
+                    "--depth-in-range NEAR,FAR beside it",
+                    "none",
+                ],
+                false => [
+                    "--depth-in-range",
+                    "--depth-in-is opengl beside it",
+                    "another kind",
+                ],
             };
-            return Err(Error::invalid(
-                "--depth-in-range",
-                "depths that are no buffer of OpenGL, or one",
-                expected,
-                found,
-                "give --depth-in-is opengl and --depth-in-range NEAR,FAR together",
-            ));
+            let advice = "add it";
+            return Err(Error::invalid(option, "depths", expected, found, advice));
         }
         let depth = self.depth_in.as_deref().map(read_depth).transpose()?;
         let colours = self.background_image.as_deref();
@@ -71,6 +75,17 @@ impl BackdropOptions {
             colours,
         };
         Ok(size)
+    }
+
+    /// Returns the files that are read.
+    pub(in crate::command) fn files(&self) -> impl Iterator<Item = &PathBuf> {
+        let files = [&self.depth_in, &self.background_image];
+        files.into_iter().flatten()
+    }
+
+    /// Returns whether another renderer's picture or its depths are given.
+    pub(in crate::command) fn is_given(&self) -> bool {
+        self.files().next().is_some()
     }
 
     fn kind(&self) -> DepthKind {

@@ -78,7 +78,8 @@ impl Arguments {
             stats,
             self.output.write_transfer_function.as_ref(),
         ];
-        check_collisions(paths(&self.inputs), outputs.into_iter().flatten())
+        let inputs = paths(&self.inputs).chain(self.backdrop.files());
+        check_collisions(inputs, outputs.into_iter().flatten())
     }
 
     /// Checks that the format of the output can hold the sequence or picture asked for.
@@ -152,6 +153,30 @@ impl Arguments {
     /// Refuses options of light with `--show` other than `scene`. (A background is allowed: counts
     /// have one, too.)
     pub(in crate::command) fn check_show(&self) -> Result<()> {
+        let shows_scene = matches!(self.output.show, ShowName::Scene);
+        if self.output.depth_of.of_deep().is_some() && !shows_scene {
+            let (expected, found) = ("the scene", "--show beside it");
+            let advice = "leave it out";
+            return Err(Error::invalid(
+                "--depth-of",
+                "what is shown",
+                expected,
+                found,
+                advice,
+            ));
+        }
+        if matches!(self.output.show, ShowName::Count) && self.backdrop.given.colours.is_some() {
+            let (expected, found) = ("the scene", "--show count, which has no background");
+            let advice = "leave it out";
+            let option = "--background-image";
+            return Err(Error::invalid(
+                option,
+                "what is shown",
+                expected,
+                found,
+                advice,
+            ));
+        }
         let is_asked = self.is_lit() || self.light.is_unlit();
         if !is_asked || matches!(self.output.show, ShowName::Scene) {
             return Ok(());

@@ -86,7 +86,9 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
         Some(ranks) => ranks.agree(made)?,
         None => made?,
     };
-    arguments.begin_record();
+    if is_first {
+        arguments.begin_record();
+    }
     let is_column = arguments.method.column_density;
     let camera = cameras[0].clone();
     let is_sequence = arguments.sequence.is_asked_for();

@@ -340,7 +340,7 @@ pub(in crate::command) struct Output {
     #[arg(long, value_enum, default_value = "scene")]
     pub(in crate::command) show: ShowName,
     /// Colour behind everything: linear numbers from 0 to 1, a name or #rrggbb of the web, or none, which leaves
-    /// the image transparent [default: a dark grey, #1c1c21, of png; none of others]
+    /// the image transparent [default: a dark grey, #1c1c21, of png; none of others, and in another renderer's picture]
     #[arg(long, value_name = "r,g,b|NAME|none", value_parser = parse::background, allow_hyphen_values = true)]
     pub(in crate::command) background: Option<Background>,
     /// Write counts, memory and times as JSON; - to standard output

@@ -25,6 +25,9 @@ impl Arguments {
         overlays: &Overlays,
         prepared: Prepared,
     ) -> Result<()> {
+        if let Some(comparison) = self.ending.comparison() {
+            comparison.check_size([camera.width, camera.height])?;
+        }
         let backdrop = self.backdrop.given.seen_by(camera)?;
         let colours = backdrop.as_ref().and_then(|backdrop| backdrop.colours());
         let truth = match &backdrop {

@@ -162,6 +162,8 @@ impl Arguments {
         match self.output.background {
             Some(Background::None) => None,
             Some(Background::Colour(colour)) => Some(colour),
+            // The picture goes over the other renderer's.
+            None if self.backdrop.is_given() => None,
             None => is_picture.then_some(DARK_GREY),
         }
     }

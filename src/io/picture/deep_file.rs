@@ -9,6 +9,11 @@
 //!
 //! Source: "OpenEXR File Layout", and the classes of its reference implementation for zlib's predictor.
 
+#![allow(
+    clippy::cast_possible_truncation,
+    reason = "sizes of images are checked, and a pixel has few samples"
+)]
+
 use std::io::Write;
 use std::path::Path;
 
@@ -21,8 +26,11 @@ use crate::image::{DeepImage, DeepSample};
 use crate::io::bytes::atomic::write_bytes_atomically;
 use crate::io::bytes::file::extension;
 
-/// Channels in the file's order, and their number of a sample.
-const CHANNELS: [(&str, fn(&DeepSample) -> f32); 6] = [
+/// Name of a channel, and its number of a sample.
+type Channel = (&'static str, fn(&DeepSample) -> f32);
+
+/// Channels in the file's order.
+const CHANNELS: [Channel; 6] = [
     ("A", |sample| sample.rgba[3]),
     ("B", |sample| sample.rgba[2]),
     ("G", |sample| sample.rgba[1]),
@@ -112,7 +120,7 @@ fn chunk(path: &Path, image: &DeepImage, y: usize) -> Result<Vec<u8>> {
     let row = &image.samples[firsts[0]..firsts[image.width]];
     let counts = firsts[1..].iter().map(|end| (end - firsts[0]) as u32);
     let counts: Vec<u8> = counts.flat_map(u32::to_le_bytes).collect();
-    let channel = |(_, of): (&str, fn(&DeepSample) -> f32)| row.iter().map(of);
+    let channel = |(_, of): Channel| row.iter().map(of);
     let samples = CHANNELS.into_iter().flat_map(channel);
     let samples: Vec<u8> = samples.flat_map(f32::to_le_bytes).collect();
     let unpacked = samples.len() as u64;

@@ -254,6 +254,9 @@ pub fn read_depth(path: &Path) -> Result<DepthImage> {
     match extension.as_str() {
         "exr" => read_exr_depth(path, &bytes),
         "pfm" => {
+            if bytes.starts_with(b"PF") {
+                return Err(damaged(path, "one number a pixel (`Pf`)", "colours (`PF`)"));
+            }
             let image = read_pfm(path, &bytes)?;
             Ok(DepthImage {
                 width: image.width,
@@ -277,38 +280,21 @@ pub fn read_depth(path: &Path) -> Result<DepthImage> {
 fn read_exr_depth(path: &Path, bytes: &[u8]) -> Result<DepthImage> {
     let broken = |e: exr::Error| damaged(path, "an EXR image", e.to_string());
     let reader = block::read(Cursor::new(bytes), false).map_err(broken)?;
-    let names = |header: &Header| -> Vec<exr::Text> {
-        let channels = header.channels.list.iter();
-        channels.map(|channel| channel.name.clone()).collect()
-    };
     let flat = reader.headers().iter().filter(|header| !header.deep);
-    let flat: Vec<(&Header, exr::Text)> = flat
-        .flat_map(|header| names(header).into_iter().map(move |name| (header, name)))
-        .collect();
-    let is_depth = |(_, name): &&(&Header, exr::Text)| {
-        let name = name.to_string();
-        let last = name.rsplit('.').next().unwrap_or_default().to_lowercase();
-        // Renderers that write one channel a pass call it by its value.
-        last == "z" && !name.to_lowercase().contains("normal")
-            || last == "depth"
-            || name.to_lowercase().ends_with("depth.v")
-    };
-    let Some((header, name)) = flat.iter().find(is_depth).or(match flat.as_slice() {
-        [only] => Some(only),
-        _ => None,
-    }) else {
-        let all: Vec<String> = flat.iter().map(|(_, name)| name.to_string()).collect();
+    let of_header = |header| channel_of_depth(header).map(|name| (header, name));
+    let Some((header, name)) = flat.clone().find_map(of_header) else {
+        let channels = flat.flat_map(|header| &header.channels.list);
+        let all: Vec<String> = channels.map(|channel| channel.name.to_string()).collect();
         let found = match all.is_empty() {
             true => "none that is flat".to_owned(),
             false => clip(&all.join(", ")),
         };
-        return Err(damaged(path, "an EXR image with a channel Z", found));
+        return Err(damaged(path, "an EXR image with one channel Z", found));
     };
     let window = header.shared_attributes.display_window;
     let offset = header.own_attributes.layer_position - window.position;
     let (width, height) = (window.size.width(), window.size.height());
     check_claim(path, bytes.len(), [width, height])?;
-    let name = name.clone();
     let read = exr::read()
         .no_deep_data()
         .largest_resolution_level()
@@ -333,6 +319,38 @@ fn read_exr_depth(path: &Path, bytes: &[u8]) -> Result<DepthImage> {
         height,
         depths: read.layer_data.channel_data.pixels,
     })
+}
+
+/// Returns the channel of depths: Z by itself; one of a layer called depth; Z of a layer; or the only channel. Vectors, which
+/// have X and Y as well, are none, and of several candidates none is taken.
+fn channel_of_depth(header: &Header) -> Option<exr::Text> {
+    let names: Vec<String> = header
+        .channels
+        .list
+        .iter()
+        .map(|c| c.name.to_string())
+        .collect();
+    let has = |name: &str| names.iter().any(|own| own == name);
+    let is_component = |name: &str| {
+        let layer = name.strip_suffix('Z').unwrap_or(name);
+        has(&format!("{layer}X")) && has(&format!("{layer}Y"))
+    };
+    let is_of_depth = |name: &&String| {
+        let mut parts = name.split('.');
+        parts.any(|part| part.eq_ignore_ascii_case("depth"))
+    };
+    let is_z = |name: &&String| name.ends_with(".Z") && !is_component(name);
+    fn only<'a>(mut found: impl Iterator<Item = &'a String>) -> Option<&'a String> {
+        found.next().filter(|_| found.next().is_none())
+    }
+    let plain = names
+        .iter()
+        .find(|name| *name == "Z" && !is_component(name));
+    let found = plain
+        .or_else(|| only(names.iter().filter(is_of_depth)))
+        .or_else(|| only(names.iter().filter(is_z)))
+        .or_else(|| only(names.iter()))?;
+    Some(exr::Text::from(found.as_str()))
 }
 
 pub(in crate::io) fn check_size(
@@ -696,8 +714,10 @@ mod tests {
                 exr::AnyChannel::new(*name, samples)
             };
             let channels = names.iter().enumerate().map(channel).collect();
-            let mut attributes = exr::LayerAttributes::default();
-            attributes.layer_name = layer.map(exr::Text::from);
+            let attributes = exr::LayerAttributes {
+                layer_name: layer.map(exr::Text::from),
+                ..Default::default()
+            };
             let layer = exr::Layer::new(
                 (2, 1),
                 attributes,
@@ -726,6 +746,22 @@ mod tests {
         assert_eq!(read().unwrap(), [1.0, 2.0]);
         write(&["Y"], None);
         assert_eq!(read().unwrap(), [1.0, 2.0]);
+        // Vectors are no depths, nor is a choice made between two layers.
+        write(&["A", "N.X", "N.Y", "N.Z", "Z"], None);
+        assert_eq!(read().unwrap(), [41.0, 42.0]);
+        for names in [
+            &["X", "Y", "Z"][..],
+            &["N.X", "N.Y", "N.Z"],
+            &["a.Z", "b.Z"],
+        ] {
+            write(names, None);
+            assert!(
+                read()
+                    .unwrap_err()
+                    .to_string()
+                    .contains(names[2 % names.len()])
+            );
+        }
         write(&["R", "G", "B"], None);
         assert!(read().unwrap_err().to_string().contains("B, G, R"));
     }

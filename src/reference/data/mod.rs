@@ -217,7 +217,8 @@ impl DataIntegrator {
         self
     }
 
-    /// Ends the rays through each pixel at its depth, as a [`Backdrop`](crate::render::Backdrop) does.
+    /// Ends the rays through each pixel at its depth, as a [`Backdrop`](crate::render::Backdrop) does. Images must have the
+    /// size of the depths.
     pub fn ended(mut self, depth: DepthImage) -> Self {
         self.ends = Some(depth);
         self
@@ -246,7 +247,7 @@ impl DataIntegrator {
     /// An image without pixels; settings out of range; a filter of kernels, because there are none; work that
     /// was cancelled.
     pub fn render(&self, camera: &Camera, settings: &ReferenceSettings) -> Result<ReferenceFrame> {
-        check(camera, settings)?;
+        check(camera, settings, self.ends.as_ref())?;
         if settings.pixel_filter == PixelFilter::Kernels {
             return Err(Error::invalid(
                 "reference",

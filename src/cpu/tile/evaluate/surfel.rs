@@ -34,13 +34,10 @@ impl SurfelRow {
         let Some(ends) = ends.first_chunk::<TILE_SIZE>() else {
             return;
         };
-        for lane in 0..TILE_SIZE {
+        for (lane, end) in ends.iter().enumerate() {
             // Phrased so that NaN is beyond.
-            let shown = if self.inverse_depth[lane] > ends[lane] {
-                1.0
-            } else {
-                0.0
-            };
+            let is_shown = self.inverse_depth[lane] > *end;
+            let shown = if is_shown { 1.0 } else { 0.0 };
             self.weight[lane] *= shown;
             self.inside[lane] *= shown;
         }
