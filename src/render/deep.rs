@@ -259,6 +259,10 @@ fn joined(size: [usize; 2], rays: &[Vec<Knot>], rule: &Rule) -> DeepImage {
         let mut first = 0;
         while first + 1 < ray.len() {
             let mut last = first + 1;
+            if ray[first].rgba[3] >= 1.0 {
+                // Nothing behind is visible.
+                break;
+            }
             let is_empty = |i: usize| ray[i].rgba == ray[i + 1].rgba;
             if is_empty(first) {
                 first = last;
