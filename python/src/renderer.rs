@@ -264,18 +264,15 @@ impl Renderer {
                 true => settings.low_pass_variance_px2,
                 false => suitable,
             };
-            let reference = ReferenceSettings {
-                error,
-                low_pass_variance_px2: low_pass.into(),
-                background: settings.background,
-                task: Some(task.clone()),
-                ..ReferenceSettings::default()
-            };
             let backdrop = drawing.backdrop.seen_by(&camera)?;
             let colours = backdrop.as_ref().and_then(|backdrop| backdrop.colours());
             let reference = ReferenceSettings {
-                background: reference.background.filter(|_| colours.is_none()),
-                ..reference
+                error,
+                low_pass_variance_px2: low_pass.into(),
+                // Colours of a backdrop stand in front of it.
+                background: settings.background.filter(|_| colours.is_none()),
+                task: Some(task.clone()),
+                ..ReferenceSettings::default()
             };
             let settings = &Settings {
                 backdrop: backdrop.clone(),
@@ -283,15 +280,10 @@ impl Renderer {
             };
             let sampled = state.sample(&purpose, &of_boxes, &settings.clip, task)?;
             let mut frame = match of_data {
-                false => {
-                    let integrator = Integrator::classified(&sampled.volumes, settings.classify)?;
-                    let integrator = integrator.clipped(&settings.clip);
-                    let integrator = match &backdrop {
-                        Some(backdrop) => integrator.ended(backdrop.depth().clone()),
-                        None => integrator,
-                    };
-                    integrator.render(&camera, &reference)?
-                }
+                false => Integrator::classified(&sampled.volumes, settings.classify)?
+                    .clipped(&settings.clip)
+                    .ended(backdrop.as_ref().map(|backdrop| backdrop.depth()))
+                    .render(&camera, &reference)?,
                 true => of_field(&state, &sampled, settings, &camera, &reference)?,
             };
             if let Some(backdrop) = &backdrop {
@@ -469,13 +461,11 @@ fn of_field(
     let Some(function) = volume.transfer_function.clone() else {
         return refuse("a field under a transfer function", "colours of its own");
     };
-    let integrator = DataIntegrator::new((**dataset).clone(), field, function)?;
-    let integrator = integrator.clipped(&settings.clip);
-    let integrator = match &settings.backdrop {
-        Some(backdrop) => integrator.ended(backdrop.depth().clone()),
-        None => integrator,
-    };
-    integrator.render(camera, reference)
+    let backdrop = settings.backdrop.as_ref();
+    DataIntegrator::new((**dataset).clone(), field, function)?
+        .clipped(&settings.clip)
+        .ended(backdrop.map(|backdrop| backdrop.depth()))
+        .render(camera, reference)
 }
 
 /// Describes a camera as the package does.

@@ -103,10 +103,10 @@ impl Truth {
         }
     }
 
-    pub(crate) fn ended(self, depth: &DepthImage) -> Self {
+    pub(crate) fn ended(self, depth: Option<&DepthImage>) -> Self {
         match self {
-            Self::Kernels(integrator) => Self::Kernels(integrator.ended(depth.clone())),
-            Self::Data(integrator) => Self::Data(Box::new(integrator.ended(depth.clone()))),
+            Self::Kernels(integrator) => Self::Kernels(integrator.ended(depth)),
+            Self::Data(integrator) => Self::Data(Box::new(integrator.ended(depth))),
         }
     }
 

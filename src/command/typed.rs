@@ -81,7 +81,7 @@ pub(crate) type Rename<'a> = &'a mut dyn FnMut(&Path, Role) -> Result<PathBuf>;
 /// - `command`: the subcommand that the matches are of.
 ///
 /// # Errors
-/// Those of `rename`.
+/// The errors of `rename`.
 pub(crate) fn renamed(
     command: &Command,
     matches: &ArgMatches,

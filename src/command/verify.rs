@@ -56,7 +56,7 @@ fn tiles(text: &str) -> std::result::Result<Tiles, String> {
     count.ok_or_else(|| "a number of tiles above 0, or all".into())
 }
 
-/// What a record says.
+/// Contents of a record.
 struct Record {
     version: String,
     command: Vec<String>,
@@ -156,7 +156,7 @@ impl Record {
     /// Reads a record.
     ///
     /// # Errors
-    /// What was found in its place.
+    /// A text that names what was found in its place.
     fn parse(text: &str) -> std::result::Result<Self, String> {
         let json: Value = serde_json::from_str(text).map_err(|e| e.to_string())?;
         let lacks = |key: &str| format!("one without a sound `{key}`");

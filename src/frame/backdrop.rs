@@ -10,7 +10,7 @@ use crate::image::{DepthImage, Image};
 use crate::math::narrowed;
 use crate::view::{Camera, Projection};
 
-/// What stands in a picture already, as another renderer drew it from the same camera.
+/// Depths, and perhaps colours, that another renderer drew from the same camera.
 ///
 /// The ray of a pixel ends at the pixel's depth: kernels are integrated up to there, as up to an opaque surfel, and
 /// surfels beyond it are hidden. Colours, if there are any, stand behind the scene.
@@ -20,7 +20,7 @@ pub struct Backdrop {
     colours: Option<Image>,
 }
 
-/// What the depths of a picture measure.
+/// Meaning of the depths of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum DepthKind {
     /// The camera-space z, world units: the distance from the plane through the eye. Infinite where nothing stands.
@@ -44,12 +44,12 @@ impl Backdrop {
     /// # Errors
     /// The errors of [`Backdrop::new`]; an image of another size than the camera's; planes in the wrong order, or depths
     /// of OpenGL below 0 or above 1.
-    pub fn of_kind(mut depth: DepthImage, kind: DepthKind, camera: &Camera) -> Result<Self> {
-        let Self { depth: checked, .. } = Self::new(depth.clone())?;
+    pub fn of_kind(depth: DepthImage, kind: DepthKind, camera: &Camera) -> Result<Self> {
+        let Self { mut depth, .. } = Self::new(depth)?;
         let [width, height] = [camera.width, camera.height];
-        if [checked.width, checked.height] != [width, height] {
+        if [depth.width, depth.height] != [width, height] {
             let expected = format!("{width} x {height} pixels, as the picture");
-            let found = format!("{} x {}", checked.width, checked.height);
+            let found = format!("{} x {}", depth.width, depth.height);
             return Err(refusal(&expected, found));
         }
         let is_orthographic = camera.projection == Projection::Orthographic;
@@ -201,12 +201,12 @@ impl Backdrop {
     }
 }
 
-/// What a caller has of a backdrop before the camera is known.
+/// Images of a backdrop before the camera is known.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct GivenBackdrop {
     /// Depths.
     pub depth: Option<DepthImage>,
-    /// What they measure.
+    /// Their meaning.
     pub kind: DepthKind,
     /// Colours behind the scene.
     pub colours: Option<Image>,

@@ -42,7 +42,7 @@ pub struct Settings {
     pub order: Order,
     /// Linear RGB of the background; `None` leaves the image transparent.
     pub background: Option<[f32; 3]>,
-    /// What stands in the picture already: depths at which rays end, and colours in front of [`Self::background`].
+    /// Another renderer's picture: depths at which rays end, and colours in front of [`Self::background`].
     pub backdrop: Option<Arc<Backdrop>>,
     /// True if to return a depth image.
     pub depth: bool,

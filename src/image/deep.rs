@@ -31,13 +31,13 @@ pub struct DeepImage {
 /// Depths that a deep image states for each pixel. They are infinite where the pixel is transparent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DepthOf {
-    /// Where half of the light from behind is lost: infinite where less is.
+    /// Place where half of the light from behind is lost: infinite where less is.
     Half,
-    /// Where the ray meets a first 256th of the pixel's opacity.
+    /// Place of the first 256th of the pixel's opacity.
     Entry,
-    /// Where all but a 256th of the pixel's opacity is reached.
+    /// Place where all but a 256th of the pixel's opacity is reached.
     Exit,
-    /// Where half of the pixel's own opacity is reached.
+    /// Place where half of the pixel's own opacity is reached.
     Median,
     /// Mean of the depths, weighted by what each adds to the opacity.
     Mean,

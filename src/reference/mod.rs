@@ -138,9 +138,9 @@ impl Integrator {
     }
 
     /// Ends the rays through each pixel at its depth, as a [`Backdrop`](crate::render::Backdrop) does. Images must have the
-    /// size of the depths.
-    pub fn ended(mut self, depth: DepthImage) -> Self {
-        self.ends = Some(depth);
+    /// size of the depths. Without depths rays have no end.
+    pub fn ended(mut self, depth: Option<&DepthImage>) -> Self {
+        self.ends = depth.cloned();
         self
     }
 

@@ -46,7 +46,7 @@ struct Knot {
 
 /// Bounds by which an interval is known.
 struct Rule {
-    /// What may be missed.
+    /// Greatest part that may be missed.
     least: f32,
     /// Greatest width of an interval that is known by its middle.
     widest: f32,

@@ -694,7 +694,7 @@ impl Renderer {
     }
 }
 
-/// What stands behind a picture, and is drawn after it.
+/// Background and backdrop of a picture, which are drawn after it.
 pub(super) struct Behind {
     background: Option<[f32; 3]>,
     /// A backdrop with colours.

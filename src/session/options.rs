@@ -310,7 +310,7 @@ pub struct Drawing {
     pub transfer: Option<TransferChoice>,
     /// True if a colour bar is drawn into the picture.
     pub legend: bool,
-    /// What stands in the picture already. Arguments name its kind of depths; front ends add its images.
+    /// Another renderer's picture. Arguments name its kind of depths; front ends add its images.
     pub backdrop: GivenBackdrop,
 }
 

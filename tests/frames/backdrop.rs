@@ -238,7 +238,7 @@ fn pictures_agree_with_the_reference_and_between_back_ends() {
             ..ReferenceSettings::default()
         };
         let integrator = Integrator::new(&cloud).unwrap();
-        let truth = integrator.clone().ended(ends.depth().clone());
+        let truth = integrator.clone().ended(Some(ends.depth()));
         let truth = truth.render(&camera, &reference).unwrap();
         // What slabs differ from the integral by without a backdrop bounds it with one; the depths of a ball's
         // outline, where filtered kernels see other depths than their rays, are apart.

@@ -15,7 +15,7 @@ pub(in crate::command) struct BackdropOptions {
     /// the picture's size
     #[arg(long, value_name = "FILE", conflicts_with_all = ["column_density", "camera_path", "turntable", "series"])]
     depth_in: Option<PathBuf>,
-    /// What the numbers of --depth-in are
+    /// Meaning of the numbers of --depth-in
     #[arg(long, value_enum, default_value = "z", requires = "depth_in")]
     depth_in_is: DepthName,
     /// Distances of the near and the far plane, for --depth-in-is opengl

@@ -12,7 +12,7 @@ use crate::command::provenance::{FORMAT, Hashes, ascii};
 use crate::command::typed::Typed;
 use crate::render::SimdLevel;
 
-/// What becomes of a picture.
+/// Use of a picture once it is drawn.
 #[derive(Default)]
 pub(in crate::command) enum Ending {
     /// It is written without a record.

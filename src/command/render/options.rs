@@ -73,7 +73,7 @@ pub(in crate::command) struct Arguments {
     pub(in crate::command) sequence: SequenceOptions,
     #[command(flatten)]
     pub(in crate::command) annotations: AnnotationOptions,
-    /// What becomes of the picture.
+    /// Use of the picture once it is drawn.
     #[arg(skip)]
     pub(in crate::command) ending: Ending,
 }
@@ -307,13 +307,13 @@ pub(in crate::command) enum ShowName {
 pub(in crate::command) enum DepthOfName {
     /// The kernel at which half the light is gone
     Kernel,
-    /// Where half of the light from behind is gone, within kernels
+    /// Place within kernels where half of the light from behind is gone
     Half,
-    /// Where the first 256th of the pixel's opacity lies
+    /// Place of the first 256th of the pixel's opacity
     Entry,
-    /// Where all but a 256th of the pixel's opacity is reached
+    /// Place where all but a 256th of the pixel's opacity is reached
     Exit,
-    /// Where half of the pixel's own opacity is reached
+    /// Place where half of the pixel's own opacity is reached
     Median,
     /// The mean of the depths, weighted by what each adds to the opacity
     Mean,
@@ -349,7 +349,7 @@ pub(in crate::command) struct Output {
     /// Write the depth at which half the light is gone: exr, pfm or npy
     #[arg(long, value_name = "FILE")]
     pub(in crate::command) depth: Option<PathBuf>,
-    /// What --depth writes, if not the depth of the kernel at which half the light is gone
+    /// Depth that --depth writes
     #[arg(long, value_enum, default_value = "kernel", requires = "depth",
           conflicts_with_all = ["depth_in", "background_image", "mpi"])]
     pub(in crate::command) depth_of: DepthOfName,

@@ -30,10 +30,7 @@ impl Arguments {
         }
         let backdrop = self.backdrop.given.seen_by(camera)?;
         let colours = backdrop.as_ref().and_then(|backdrop| backdrop.colours());
-        let truth = match &backdrop {
-            Some(backdrop) => truth.ended(backdrop.depth()),
-            None => truth,
-        };
+        let truth = truth.ended(backdrop.as_ref().map(|backdrop| backdrop.depth()));
         let defaults = ReferenceSettings::default();
         let mut settings = ReferenceSettings {
             error: self.method.tolerance.map_or(defaults.error, f64::from),

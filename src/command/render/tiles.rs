@@ -229,10 +229,10 @@ fn of_codes(a: [u8; 4], b: &[u8]) -> Difference {
     };
     let off = a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).max();
     Difference {
+        is_equal: off == Some(0),
         is_rounding: off.is_none_or(|off| off <= 1),
         ..of_floats(&linear(&a), &linear(b))
     }
-    .equal_if(off == Some(0))
 }
 
 /// Compares channels. What is no number equals itself alone.
@@ -253,12 +253,6 @@ fn of_floats(a: &[f32], b: &[f32]) -> Difference {
         is_equal: size <= 0.0,
         is_rounding: false,
         size,
-    }
-}
-
-impl Difference {
-    fn equal_if(self, is_equal: bool) -> Self {
-        Self { is_equal, ..self }
     }
 }
 

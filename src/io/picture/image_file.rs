@@ -276,6 +276,38 @@ pub fn read_depth(path: &Path) -> Result<DepthImage> {
     }
 }
 
+/// The display window of an EXR file, as a layer's pixels lie in it.
+#[derive(Debug, Clone, Copy)]
+struct Window {
+    offset: exr::Vec2<i32>,
+    width: usize,
+    height: usize,
+}
+
+impl Window {
+    /// Returns the window of a layer.
+    ///
+    /// # Errors
+    /// More pixels than the file's bytes can hold.
+    fn of(path: &Path, bytes: &[u8], header: &Header) -> Result<Self> {
+        let window = header.shared_attributes.display_window;
+        let (width, height) = (window.size.width(), window.size.height());
+        check_claim(path, bytes.len(), [width, height])?;
+        Ok(Self {
+            offset: header.own_attributes.layer_position - window.position,
+            width,
+            height,
+        })
+    }
+
+    /// Returns the index of a layer's pixel in the window; `None` outside.
+    fn index(&self, at: exr::Vec2<usize>) -> Option<usize> {
+        let at = at.to_i32() + self.offset;
+        let inside = |n: i32, count: usize| usize::try_from(n).ok().filter(|&n| n < count);
+        Some(inside(at.y(), self.height)? * self.width + inside(at.x(), self.width)?)
+    }
+}
+
 /// Reads the first channel of depths over the display window; nothing stands outside its layer.
 fn read_exr_depth(path: &Path, bytes: &[u8]) -> Result<DepthImage> {
     let broken = |e: exr::Error| damaged(path, "an EXR image", e.to_string());
@@ -291,10 +323,8 @@ fn read_exr_depth(path: &Path, bytes: &[u8]) -> Result<DepthImage> {
         };
         return Err(damaged(path, "an EXR image with one channel Z", found));
     };
-    let window = header.shared_attributes.display_window;
-    let offset = header.own_attributes.layer_position - window.position;
-    let (width, height) = (window.size.width(), window.size.height());
-    check_claim(path, bytes.len(), [width, height])?;
+    let window = Window::of(path, bytes, header)?;
+    let Window { width, height, .. } = window;
     let read = exr::read()
         .no_deep_data()
         .largest_resolution_level()
@@ -303,10 +333,8 @@ fn read_exr_depth(path: &Path, bytes: &[u8]) -> Result<DepthImage> {
         .collect_pixels(
             move |_, _| vec![f32::INFINITY; width * height],
             move |depths, at, (depth,): (f32,)| {
-                let at = at.to_i32() + offset;
-                let inside = |n: i32, count: usize| usize::try_from(n).ok().filter(|&n| n < count);
-                if let (Some(x), Some(y)) = (inside(at.x(), width), inside(at.y(), height)) {
-                    depths[y * width + x] = depth;
+                if let Some(i) = window.index(at) {
+                    depths[i] = depth;
                 }
             },
         )
@@ -514,20 +542,16 @@ pub(super) fn read_exr(path: &Path, bytes: &[u8]) -> Result<Image> {
             "other channels",
         ));
     };
-    let window = header.shared_attributes.display_window;
-    let offset = header.own_attributes.layer_position - window.position;
-    let (width, height) = (window.size.width(), window.size.height());
-    check_claim(path, bytes.len(), [width, height])?;
+    let window = Window::of(path, bytes, header)?;
+    let Window { width, height, .. } = window;
     let read = exr::read()
         .no_deep_data()
         .largest_resolution_level()
         .rgba_channels(
             move |_, _| vec![[0.0_f32; 4]; width * height],
             move |pixels, at, (r, g, b, a): (f32, f32, f32, f32)| {
-                let at = at.to_i32() + offset;
-                let inside = |n: i32, count: usize| usize::try_from(n).ok().filter(|&n| n < count);
-                if let (Some(x), Some(y)) = (inside(at.x(), width), inside(at.y(), height)) {
-                    pixels[y * width + x] = [r, g, b, a];
+                if let Some(i) = window.index(at) {
+                    pixels[i] = [r, g, b, a];
                 }
             },
         )
