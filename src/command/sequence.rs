@@ -4,9 +4,10 @@ use std::path::PathBuf;
 
 use crate::Result;
 use crate::data::up::Up;
-use crate::view::{Bounds, Camera, CameraPath};
+use crate::view::{Bounds, Camera, read_sequence};
 use clap::Args;
 
+use super::progress::note;
 use super::viewpoint::{CameraOptions, Canvas};
 
 /// Options that apply to single pictures only.
@@ -30,7 +31,8 @@ pub(crate) struct SequenceOptions {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=100_000),
           conflicts_with_all = OF_ONE, conflicts_with_all = ["eye", "along", "window", "camera_path", "series"])]
     turntable: Option<u32>,
-    /// Pictures along key cameras in JSON: frames, and keys with eye, target, up and fov_deg
+    /// Pictures along key cameras in JSON: frames, and keys with eye, target, up and fov_deg; or by all cameras of a
+    /// capture, as in --camera, or of nerfstudio's camera path
     #[arg(long, value_name = "FILE", conflicts_with_all = OF_ONE, conflicts_with_all =
           ["eye", "target", "up", "fov", "ortho", "azimuth", "elevation", "zoom", "fit", "along", "window", "series"])]
     camera_path: Option<PathBuf>,
@@ -72,7 +74,13 @@ impl SequenceOptions {
         canvas: &Canvas,
     ) -> Result<Vec<Camera>> {
         match (&self.camera_path, self.turntable) {
-            (Some(path), _) => Ok(CameraPath::read(path)?.cameras(canvas.size())),
+            (Some(path), _) => {
+                let cameras = read_sequence(path, canvas.size, canvas.default_size)?;
+                if cameras.iter().any(|camera| camera.is_distorted) {
+                    note!("the cameras' lens distorts, the pictures do not");
+                }
+                Ok(cameras.into_iter().map(|own| own.camera).collect())
+            }
             (None, Some(count)) => (0..count)
                 .map(|i| {
                     let turn = 360.0 * f64::from(i) / f64::from(count);

@@ -1,12 +1,12 @@
 //! Defines the options of the camera.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use crate::data::up::Up;
 use crate::view::{
-    Along, Bounds, Camera, ClipPlane, DEFAULT_FOV_DEG, Lens, Viewpoint, Window, read_camera,
-    sphere_around,
+    Along, Bounds, Camera, ClipPlane, DEFAULT_FOV_DEG, Lens, NamedCamera, Viewpoint, Window,
+    read_cameras, sphere_around,
 };
 use crate::{Error, Renderer, Result};
 use clap::{Args, ValueEnum};
@@ -14,9 +14,13 @@ use glam::DVec3;
 
 use super::parse;
 use super::parse::WindowBox;
+use super::progress::note;
 
 /// Default lens of a fitted camera.
 pub(crate) const DEFAULT_LENS: Lens = Lens::FovDeg(DEFAULT_FOV_DEG);
+
+/// Greatest number of names in an error.
+const MOST_NAMES: usize = 8;
 
 /// Default width and height of a rendering in pixels.
 pub(crate) const DEFAULT_SIZE: [usize; 2] = [1024, 1024];
@@ -69,10 +73,14 @@ impl Canvas {
 #[derive(Args)]
 #[command(next_help_heading = "Camera")]
 pub(crate) struct CameraOptions {
-    /// Camera in JSON: eye, target, up and fov_deg or ortho_height, or a calibrated one
+    /// Camera in a file: JSON with eye, target, up and fov_deg or ortho_height; transforms.json, cameras.json or COLMAP's
+    /// folder of a capture; a camera of three.js
     #[arg(long, value_name = "FILE", conflicts_with_all =
           ["eye", "target", "up", "fov", "ortho", "azimuth", "elevation", "zoom", "fit"])]
     camera: Option<PathBuf>,
+    /// Camera of a file with several: the name of its picture, or a number from 0 [default: the first]
+    #[arg(long, value_name = "NAME", requires = "camera")]
+    camera_name: Option<String>,
     /// Camera in the file. It is read once, because a pipe cannot be read again.
     #[arg(skip)]
     read: OnceLock<Camera>,
@@ -155,10 +163,54 @@ impl CameraOptions {
     /// Reads the camera's file, if one is named and was not read before.
     pub(crate) fn read_file(&self, size: Option<[usize; 2]>) -> Result<()> {
         if let (Some(path), None) = (&self.camera, self.read.get()) {
-            let camera = read_camera(path, size)?;
+            let camera = self.chosen(path, read_cameras(path, size)?)?;
             self.read.get_or_init(|| camera);
         }
         Ok(())
+    }
+
+    /// Returns the camera that `--camera-name` names, or the first.
+    fn chosen(&self, path: &Path, mut cameras: Vec<NamedCamera>) -> Result<Camera> {
+        let count = cameras.len();
+        let index = match &self.camera_name {
+            None => 0,
+            Some(name) => {
+                let named = cameras.iter().position(|camera| camera.name == *name);
+                let numbered = || name.parse().ok().filter(|n: &usize| *n < count);
+                named.or_else(numbered).ok_or_else(|| {
+                    let names = cameras.iter().map(|camera| camera.name.as_str());
+                    let some: Vec<&str> = names.take(MOST_NAMES).collect();
+                    let expected = match count {
+                        1 => format!("0, its only camera ({})", some.join(", ")),
+                        _ => format!(
+                            "0 to {}, or a name: {}{}",
+                            count - 1,
+                            some.join(", "),
+                            if count > MOST_NAMES { ", ..." } else { "" }
+                        ),
+                    };
+                    Error::invalid(
+                        "--camera-name",
+                        path.display().to_string(),
+                        expected,
+                        name.clone(),
+                        "name another",
+                    )
+                })?
+            }
+        };
+        let camera = cameras.swap_remove(index);
+        if count > 1 && self.camera_name.is_none() {
+            note!(
+                "{} has {count} cameras: {} is taken; --camera-name takes another",
+                path.display(),
+                camera.name
+            );
+        }
+        if camera.is_distorted {
+            note!("the camera's lens distorts, the picture does not");
+        }
+        Ok(camera.camera)
     }
 
     /// Returns the camera for data within `boxes`. If there are no boxes to fit, it returns an

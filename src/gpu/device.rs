@@ -255,6 +255,14 @@ impl Gpu {
         self
     }
 
+    /// Returns whether a thread may have more memory of its own than the 8,192 bytes that WGSL guarantees.
+    pub(super) fn has_more_private_memory(&self) -> bool {
+        !matches!(
+            self.info.backend,
+            wgpu::Backend::BrowserWebGpu | wgpu::Backend::Metal
+        )
+    }
+
     /// Returns the adapter's name, driver and interface.
     pub fn adapter(&self) -> String {
         describe(&self.info)

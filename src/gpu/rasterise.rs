@@ -27,14 +27,30 @@ pub struct RasterSpec {
     pub axes: Axes,
     /// True if any kernel may cross the camera plane.
     pub near: bool,
-    /// Greatest number of layers that a pixel keeps open: 1, or 16, 32, 64 or 256 for slabs.
+    /// Greatest number of layers that a pixel keeps open: 1, or one of [`layer_slots`] for slabs.
     pub slots: u32,
     /// True if open layers may have to be carried from one dispatch to the next.
     pub carries: bool,
 }
 
-/// Numbers of open slabs for which there are pipelines.
-pub(super) const LAYER_SLOTS: [u32; 4] = [16, 32, 64, 256];
+/// Numbers of open layers for which there are pipelines.
+const LAYER_SLOTS: [u32; 5] = [16, 32, 64, 160, 256];
+
+/// Returns the numbers of open layers for which a device has pipelines.
+///
+/// - `is_lit`: true if layers are lit.
+pub(super) fn layer_slots(gpu: &Gpu, is_lit: bool) -> impl DoubleEndedIterator<Item = u32> + Clone {
+    // A layer and its derivatives take 48 bytes of a thread's own memory: more layers than 160 take more than WGSL
+    // guarantees.
+    let last = if is_lit && !gpu.has_more_private_memory() {
+        160
+    } else {
+        256
+    };
+    LAYER_SLOTS
+        .into_iter()
+        .filter(move |slots| *slots <= last && (is_lit || *slots != 160))
+}
 
 /// Sources that all variants share.
 const SHARED: [&str; 9] = [
@@ -108,7 +124,11 @@ fn shader(axes: &Axes, slots: u32) -> Shader {
             if is_classified {
                 name += ", classified";
             }
-            let slope_slots = if is_classified { slots } else { 1 };
+            let mut slope_slots = 1;
+            if axes.has_slopes() {
+                name += ", lit";
+                slope_slots = slots;
+            }
             constants.extend([("LAYER_SLOTS", slots), ("SLOPE_SLOTS", slope_slots)]);
             parts.extend([OPACITY, LAYERS]);
             match axes.accumulate {
@@ -149,9 +169,12 @@ pub(super) fn shaders() -> Vec<Shader> {
         add(Accumulate::Column, Classify::Particle, 1);
         add(Accumulate::Sheets, Classify::Particle, 1);
         for slots in LAYER_SLOTS {
-            add(Accumulate::Slabs, Classify::Particle, slots);
             add(Accumulate::Slabs, Classify::Slab { is_lit: true }, slots);
-            add(Accumulate::Maximum, Classify::Slab { is_lit: false }, slots);
+            if slots != 160 {
+                add(Accumulate::Slabs, Classify::Particle, slots);
+                add(Accumulate::Slabs, Classify::Slab { is_lit: false }, slots);
+                add(Accumulate::Maximum, Classify::Slab { is_lit: false }, slots);
+            }
         }
     }
     all
@@ -166,7 +189,7 @@ impl RasterSpec {
         let words = picture_words(self.axes.depth);
         let words = if self.has_surface() { 2 * words } else { words };
         let is_carried = self.carries && self.axes.accumulate.is_layered();
-        let slopes = if self.has_slopes() {
+        let slopes = if self.axes.has_slopes() {
             6 * (self.slots + 1)
         } else {
             0
@@ -190,11 +213,6 @@ impl RasterSpec {
             true => surface_words(self.axes.normals),
             false => 0,
         }
-    }
-
-    /// Returns whether lighting needs the derivatives of layers.
-    fn has_slopes(&self) -> bool {
-        self.axes.classify == Classify::Slab { is_lit: true }
     }
 }
 
@@ -239,7 +257,7 @@ pub(super) fn slice_of(gpu: &Gpu, spec: &RasterSpec) -> u32 {
         Accumulate::Over | Accumulate::Column | Accumulate::Opaque => 0,
     };
     // If layers are lit, each layer that is composited visits all lights.
-    let lights = if spec.has_slopes() {
+    let lights = if spec.axes.has_slopes() {
         spec.slots * MAX_LIGHTS as u32
     } else {
         0

@@ -35,6 +35,32 @@ fn every_shader_is_valid() {
     }
 }
 
+/// WGSL guarantees this much memory of its own to a thread, bytes.
+const PRIVATE_BYTES: u32 = 8192;
+
+#[test]
+fn threads_take_no_more_memory_than_every_browser_has() {
+    for shader in Shader::all() {
+        let module = naga::front::wgsl::parse_str(&shader.source()).unwrap();
+        let mut layouter = naga::proc::Layouter::default();
+        layouter.update(module.to_ctx()).unwrap();
+        let private = module
+            .global_variables
+            .iter()
+            .filter(|(_, variable)| variable.space == naga::AddressSpace::Private);
+        let bytes: u32 = private
+            .map(|(_, variable)| layouter[variable.ty].size)
+            .sum();
+        // Other devices have a variant with fewer layers: `layer_slots`.
+        let is_other = shader.name.contains("256 layers, classified, lit");
+        assert!(
+            is_other || bytes <= PRIVATE_BYTES,
+            "{}: {bytes} bytes",
+            shader.name
+        );
+    }
+}
+
 /// Returns the type that a pointer into a local variable points to, and whether an index on the way is
 /// computed.
 fn local_pointee(

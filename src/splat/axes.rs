@@ -111,4 +111,9 @@ impl Axes {
     pub fn needs_depth_terms(&self) -> bool {
         self.interval.is_cut() || self.accumulate.cuts_slabs()
     }
+
+    /// Returns whether lighting needs the derivatives of layers.
+    pub fn has_slopes(&self) -> bool {
+        self.classify == Classify::Slab { is_lit: true }
+    }
 }

@@ -32,17 +32,13 @@ struct CameraFile {
     size: Option<[usize; 2]>,
 }
 
-/// Reads a camera file and adapts the camera to an image of `size` pixels, or to the size in the file if that
-/// is `None`.
+/// Reads a camera in this library's JSON, for pictures of `size` pixels or, if that is `None`, of the size in the file.
 ///
 /// # Errors
-/// A file that cannot be read, is not such JSON, or does not describe a camera: a field of view outside (0,
-/// 180), a matrix that is no rotation, a number that is not finite, a focal length without its size.
-pub fn read_camera(path: &Path, size: Option<[usize; 2]>) -> Result<Camera> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|e| Error::io(path, "opening the camera", e, "check the path"))?;
-    crate::opened::note(path);
-    let file: CameraFile = serde_json::from_str(&text).map_err(|e| {
+/// A text that is not such JSON, or does not describe a camera: a field of view outside (0, 180), a matrix that is no
+/// rotation, a number that is not finite, a focal length without its size.
+pub(super) fn camera_of(path: &Path, text: &str, size: Option<[usize; 2]>) -> Result<Camera> {
+    let file: CameraFile = serde_json::from_str(text).map_err(|e| {
         Error::format(
             path,
             format!("line {}, column {}", e.line(), e.column()),

@@ -65,10 +65,15 @@ impl CameraPath {
         let text = std::fs::read_to_string(path)
             .map_err(|e| Error::io(path, "opening the camera path", e, "check the path"))?;
         crate::opened::note(path);
+        Self::parse(path, &text)
+    }
+
+    /// Reads a path from its text, as [`Self::read`].
+    pub(super) fn parse(path: &Path, text: &str) -> Result<Self> {
         let fault = |place: String, expected: &str, found: String| {
             Error::format(path, place, expected, found, "see docs/command-line.md")
         };
-        let own: Self = serde_json::from_str(&text).map_err(|e| {
+        let own: Self = serde_json::from_str(text).map_err(|e| {
             let place = format!("line {}, column {}", e.line(), e.column());
             fault(place, "frames and keys with eye and target", e.to_string())
         })?;

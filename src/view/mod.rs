@@ -8,12 +8,13 @@ mod along;
 mod camera;
 mod camera_file;
 mod camera_path;
+mod captured;
 mod clip;
 mod fit;
 
 pub use along::{Along, Window};
 pub use camera::{Camera, Projection};
-pub use camera_file::read_camera;
 pub use camera_path::{CameraPath, KeyCamera};
+pub use captured::{NamedCamera, read_camera, read_cameras, read_sequence};
 pub use clip::{ClipPlane, clip_boxes, left_of};
 pub use fit::{Bounds, DEFAULT_FOV_DEG, Lens, Viewpoint, sphere_around};

@@ -1524,3 +1524,62 @@ fn compositing_and_clipping_reach_the_picture() {
         assert_eq!(output.status.code(), Some(2), "{bad}");
     }
 }
+
+/// Cameras of another program choose the view and the size. A file of several is a sequence, too.
+#[test]
+fn cameras_of_a_capture_draw_its_pictures() {
+    let folder = tempfile::tempdir().unwrap();
+    let (wake, model) = (fixture("wake.xyz"), fixture("cameras/text"));
+    let draw = |more: &[&str]| {
+        let own = ["render", &wake, "--backend", "cpu", "--refine", "off"];
+        let output = run(folder.path(), &[&own, more].concat());
+        (output.status.success(), text(&output.stderr))
+    };
+    let size = |name: &str| {
+        let image = ewa_splat::io::read_image(&folder.path().join(name)).unwrap();
+        [image.width, image.height]
+    };
+    let of = |more: &[&'static str]| {
+        draw(&[&["--camera", model.as_str(), "--out", "a.png"], more].concat())
+    };
+    let (is_drawn, said) = of(&["--size", "40x30"]);
+    assert!(
+        is_drawn && said.contains("3 cameras: a/one.png is taken"),
+        "{said}"
+    );
+    assert_eq!(size("a.png"), [40, 30]);
+    for more in [
+        &["--camera-name", "c.png"][..],
+        &["--camera-name", "2", "--size", "20x15"],
+    ] {
+        let (is_drawn, said) = of(more);
+        assert!(
+            is_drawn && said.contains("distorts") && !said.contains("is taken"),
+            "{said}"
+        );
+        assert_eq!(
+            size("a.png"),
+            if more.len() == 2 {
+                [640, 480]
+            } else {
+                [20, 15]
+            }
+        );
+    }
+    let (is_drawn, said) = draw(&["--camera", &model, "--camera-name", "3", "--out", "b.png"]);
+    assert!(
+        !is_drawn && said.contains("a/one.png, b two.jpg, c.png"),
+        "{said}"
+    );
+    let small = ["--size", "40x30", "--out", "p_%02d.png"];
+    let (is_drawn, said) = draw(&[&["--camera-path", model.as_str()][..], &small].concat());
+    assert!(is_drawn && said.contains("distorts"), "{said}");
+    assert_eq!(
+        files(folder.path())
+            .iter()
+            .filter(|name| name.starts_with("p_"))
+            .count(),
+        3
+    );
+    assert_eq!(size("p_02.png"), [40, 30]);
+}

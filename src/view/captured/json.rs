@@ -1,0 +1,368 @@
+//! Reads cameras in JSON: of captures, of trained splats, of nerfstudio's paths and of three.js.
+
+use std::path::Path;
+
+use glam::{DMat3, DVec2, DVec3};
+use serde::Deserialize;
+use serde_json::Value;
+
+use super::{Optics, Stated, fault, rotation, size_of};
+use crate::error::{Error, Result};
+
+/// Lens of a capture, which its frames may state anew.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(default)]
+struct Lens {
+    camera_model: Option<String>,
+    is_fisheye: Option<bool>,
+    camera_angle_x: Option<f64>,
+    fl_x: Option<f64>,
+    fl_y: Option<f64>,
+    cx: Option<f64>,
+    cy: Option<f64>,
+    w: Option<f64>,
+    h: Option<f64>,
+    k1: Option<f64>,
+    k2: Option<f64>,
+    k3: Option<f64>,
+    k4: Option<f64>,
+    p1: Option<f64>,
+    p2: Option<f64>,
+}
+
+/// A picture of a capture.
+#[derive(Deserialize)]
+struct Frame {
+    #[serde(default)]
+    file_path: Option<String>,
+    transform_matrix: Vec<Vec<f64>>,
+    #[serde(flatten)]
+    lens: Lens,
+}
+
+#[derive(Deserialize)]
+struct Capture {
+    frames: Vec<Frame>,
+    #[serde(flatten)]
+    lens: Lens,
+}
+
+/// A camera of trained splats.
+#[derive(Deserialize)]
+struct Trained {
+    img_name: Option<String>,
+    width: f64,
+    height: f64,
+    position: [f64; 3],
+    rotation: [[f64; 3]; 3],
+    fx: f64,
+    fy: f64,
+}
+
+/// A frame of nerfstudio's camera path.
+#[derive(Deserialize)]
+struct PathFrame {
+    camera_to_world: Vec<f64>,
+    fov: f64,
+}
+
+#[derive(Deserialize)]
+struct FramesOfPath {
+    camera_path: Vec<PathFrame>,
+    camera_type: Option<String>,
+    render_width: Option<f64>,
+    render_height: Option<f64>,
+}
+
+/// A camera of three.js.
+#[derive(Deserialize)]
+struct Three {
+    #[serde(rename = "type")]
+    kind: String,
+    name: Option<String>,
+    matrix: Vec<f64>,
+    fov: Option<f64>,
+    zoom: Option<f64>,
+    top: Option<f64>,
+    bottom: Option<f64>,
+}
+
+/// Reads the cameras of a text; `None` if it is JSON of another kind, or no JSON.
+pub(super) fn stated(path: &Path, text: &str) -> Result<Option<Vec<Stated>>> {
+    let wrong = |e: &serde_json::Error| {
+        let place = format!("line {}, column {}", e.line(), e.column());
+        fault(path, place, "cameras in JSON", e.to_string())
+    };
+    let Ok(value) = serde_json::from_str::<Value>(text) else {
+        return Ok(None);
+    };
+    let has = |name: &str| value.get(name).is_some();
+    let is_trained = value
+        .get(0)
+        .is_some_and(|first| first.get("rotation").is_some());
+    let result = if is_trained {
+        serde_json::from_str(text).map(|trained| of_trained(path, trained))
+    } else if value.get("frames").is_some_and(Value::is_array) {
+        serde_json::from_str(text).map(|capture| of_capture(path, capture))
+    } else if has("camera_path") {
+        serde_json::from_str(text).map(|frames| of_path(path, frames))
+    } else if let Some(object) = value.get("object") {
+        serde_json::from_value(object.clone()).map(|three| of_three(path, &three))
+    } else {
+        return Ok(None);
+    };
+    result.map_err(|e| wrong(&e))?.map(Some)
+}
+
+/// Returns the eye and the rotation of a camera, from the matrix that takes its axes right, up and backward to the world.
+fn pose(path: &Path, name: &str, rows: [[f64; 4]; 3]) -> Result<(DVec3, DMat3)> {
+    let column = |j: usize| DVec3::from(rows.map(|row| row[j]));
+    let turned = rotation(DMat3::from_cols(column(0), column(1), column(2)), true);
+    let turned = turned.ok_or_else(|| not_a_rotation(path, name, &rows))?;
+    Ok((column(3), turned))
+}
+
+fn not_a_rotation(path: &Path, name: &str, rows: &dyn std::fmt::Debug) -> Error {
+    fault(
+        path,
+        format!("camera {name}"),
+        "a rotation and a position",
+        format!("{rows:?}"),
+    )
+}
+
+/// Returns the three rows of a matrix whose sixteen numbers are stored by rows or by columns.
+fn rows_of(path: &Path, name: &str, numbers: &[f64], by_columns: bool) -> Result<[[f64; 4]; 3]> {
+    let Ok(numbers) = <[f64; 16]>::try_from(numbers) else {
+        let found = format!("{} numbers", numbers.len());
+        return Err(fault(
+            path,
+            format!("camera {name}"),
+            "a matrix of 16 numbers",
+            found,
+        ));
+    };
+    Ok([0, 1, 2].map(|i| {
+        [0, 1, 2, 3].map(|j| {
+            if by_columns {
+                numbers[4 * j + i]
+            } else {
+                numbers[4 * i + j]
+            }
+        })
+    }))
+}
+
+/// Returns the angle in radians if it is one of a field of view.
+fn angle(path: &Path, name: &str, radians: f64) -> Result<f64> {
+    if radians > 0.0 && radians < std::f64::consts::PI {
+        return Ok(radians);
+    }
+    let expected = "a field of view above 0 and below 180 degrees";
+    Err(fault(
+        path,
+        format!("camera {name}"),
+        expected,
+        format!("{} degrees", radians.to_degrees()),
+    ))
+}
+
+impl Lens {
+    /// Returns the lens of a frame: what the frame leaves open is the capture's.
+    fn or(&self, whole: &Self) -> Self {
+        Self {
+            camera_model: self
+                .camera_model
+                .clone()
+                .or_else(|| whole.camera_model.clone()),
+            is_fisheye: self.is_fisheye.or(whole.is_fisheye),
+            camera_angle_x: self.camera_angle_x.or(whole.camera_angle_x),
+            fl_x: self.fl_x.or(whole.fl_x),
+            fl_y: self.fl_y.or(whole.fl_y),
+            cx: self.cx.or(whole.cx),
+            cy: self.cy.or(whole.cy),
+            w: self.w.or(whole.w),
+            h: self.h.or(whole.h),
+            k1: self.k1.or(whole.k1),
+            k2: self.k2.or(whole.k2),
+            k3: self.k3.or(whole.k3),
+            k4: self.k4.or(whole.k4),
+            p1: self.p1.or(whole.p1),
+            p2: self.p2.or(whole.p2),
+        }
+    }
+
+    fn is_distorted(&self) -> bool {
+        let terms = [self.k1, self.k2, self.k3, self.k4, self.p1, self.p2];
+        terms.into_iter().flatten().any(|term| term != 0.0)
+    }
+
+    fn optics(&self, path: &Path, name: &str) -> Result<Optics> {
+        let place = || format!("camera {name}");
+        let pinholes = [
+            "PINHOLE",
+            "SIMPLE_PINHOLE",
+            "OPENCV",
+            "SIMPLE_RADIAL",
+            "RADIAL",
+            "FULL_OPENCV",
+        ];
+        let model = self
+            .camera_model
+            .as_deref()
+            .filter(|model| !pinholes.contains(model));
+        let model = model.or(self.is_fisheye.filter(|is| *is).map(|_| "is_fisheye"));
+        if let Some(model) = model {
+            return Err(fault(
+                path,
+                place(),
+                "a pinhole camera, distorted or not",
+                model,
+            ));
+        }
+        let size = match (self.w, self.h) {
+            (Some(w), Some(h)) => {
+                let size = size_of(w, h);
+                Some(size.ok_or_else(|| {
+                    fault(
+                        path,
+                        place(),
+                        "w and h of 1 to 65535 pixels",
+                        format!("{w} and {h}"),
+                    )
+                })?)
+            }
+            _ => None,
+        };
+        match (self.fl_x, size) {
+            (Some(fl_x), Some(size)) => {
+                let half = DVec2::from(size.map(|n| n as f64)) / 2.0;
+                Ok(Optics::Calibrated {
+                    focal_px: DVec2::new(fl_x, self.fl_y.unwrap_or(fl_x)),
+                    centre_px: DVec2::new(self.cx.unwrap_or(half.x), self.cy.unwrap_or(half.y)),
+                    size,
+                })
+            }
+            _ => match self.camera_angle_x {
+                Some(radians) => Ok(Optics::Horizontal(angle(path, name, radians)?, size)),
+                None => Err(fault(
+                    path,
+                    place(),
+                    "fl_x with w and h, or camera_angle_x",
+                    "neither",
+                )),
+            },
+        }
+    }
+}
+
+fn of_capture(path: &Path, capture: Capture) -> Result<Vec<Stated>> {
+    let frames = capture.frames.iter().enumerate();
+    let cameras = frames.map(|(i, frame)| {
+        let name = frame.file_path.clone().unwrap_or_else(|| i.to_string());
+        let lens = frame.lens.or(&capture.lens);
+        let rows: Option<Vec<[f64; 4]>> = { frame.transform_matrix.iter().take(3) }
+            .map(|row| row.as_slice().try_into().ok())
+            .collect();
+        let rows: Option<[[f64; 4]; 3]> = rows.and_then(|rows| rows.try_into().ok());
+        let rows = rows.ok_or_else(|| not_a_rotation(path, &name, &frame.transform_matrix))?;
+        let (eye, camera_from_world) = pose(path, &name, rows)?;
+        Ok(Stated {
+            optics: lens.optics(path, &name)?,
+            is_distorted: lens.is_distorted(),
+            name,
+            eye,
+            camera_from_world,
+        })
+    });
+    cameras.collect()
+}
+
+fn of_trained(path: &Path, trained: Vec<Trained>) -> Result<Vec<Stated>> {
+    let numbered = trained.into_iter().enumerate();
+    let cameras = numbered.map(|(i, own)| {
+        let name = own.img_name.unwrap_or_else(|| i.to_string());
+        let axes = DMat3::from_cols_array_2d(&own.rotation).transpose();
+        let turned =
+            rotation(axes, false).ok_or_else(|| not_a_rotation(path, &name, &own.rotation))?;
+        let size = size_of(own.width, own.height).ok_or_else(|| {
+            let found = format!("{} x {}", own.width, own.height);
+            fault(
+                path,
+                format!("camera {name}"),
+                "a size of 1 to 65535 pixels",
+                found,
+            )
+        })?;
+        Ok(Stated {
+            name,
+            eye: DVec3::from(own.position),
+            camera_from_world: turned,
+            optics: Optics::Calibrated {
+                focal_px: DVec2::new(own.fx, own.fy),
+                centre_px: DVec2::from(size.map(|n| n as f64)) / 2.0,
+                size,
+            },
+            is_distorted: false,
+        })
+    });
+    let mut cameras: Vec<Stated> = cameras.collect::<Result<_>>()?;
+    cameras.sort_by(|a, b| a.name.cmp(&b.name));
+    Ok(cameras)
+}
+
+fn of_path(path: &Path, frames: FramesOfPath) -> Result<Vec<Stated>> {
+    if let Some(other) = frames
+        .camera_type
+        .as_deref()
+        .filter(|kind| *kind != "perspective")
+    {
+        return Err(fault(path, "camera_type", "perspective", other));
+    }
+    let size = frames
+        .render_width
+        .zip(frames.render_height)
+        .and_then(|(w, h)| size_of(w, h));
+    let numbered = frames.camera_path.iter().enumerate();
+    let cameras = numbered.map(|(i, frame)| {
+        let name = i.to_string();
+        let rows = rows_of(path, &name, &frame.camera_to_world, false)?;
+        let (eye, camera_from_world) = pose(path, &name, rows)?;
+        Ok(Stated {
+            optics: Optics::Vertical(angle(path, &name, frame.fov.to_radians())?, size),
+            name,
+            eye,
+            camera_from_world,
+            is_distorted: false,
+        })
+    });
+    cameras.collect()
+}
+
+fn of_three(path: &Path, three: &Three) -> Result<Vec<Stated>> {
+    let name = three.name.clone().unwrap_or_else(|| "0".into());
+    let zoom = three.zoom.unwrap_or(1.0);
+    let optics = match (three.kind.as_str(), three.fov, three.top.zip(three.bottom)) {
+        ("PerspectiveCamera", Some(fov), _) => {
+            let half = angle(path, &name, fov.to_radians())? / 2.0;
+            Optics::Vertical(angle(path, &name, 2.0 * (half.tan() / zoom).atan())?, None)
+        }
+        ("OrthographicCamera", _, Some((top, bottom))) => {
+            Optics::Orthographic((top - bottom) / zoom)
+        }
+        (other, ..) => {
+            let expected =
+                "a PerspectiveCamera with fov, or an OrthographicCamera with top and bottom";
+            return Err(fault(path, "object", expected, other));
+        }
+    };
+    let rows = rows_of(path, &name, &three.matrix, true)?;
+    let (eye, camera_from_world) = pose(path, &name, rows)?;
+    Ok(vec![Stated {
+        name,
+        eye,
+        camera_from_world,
+        optics,
+        is_distorted: false,
+    }])
+}

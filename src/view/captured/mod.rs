@@ -1,0 +1,429 @@
+//! Reads the cameras of captures and of other programs' scenes.
+//!
+//! | file | written by | cameras | axes of a camera |
+//! |---|---|---|---|
+//! | `transforms.json` (`frames` with `transform_matrix`) | nerfstudio, Instant NGP, BlenderNeRF | one a picture, in the file's order | right, up, backward |
+//! | `images.bin` or `images.txt` with `cameras.*` beside it, or their folder | COLMAP | one a picture, by name | right, down, forward |
+//! | `cameras.json` (an array with `position` and `rotation`) | the reference trainer of splats | one a picture, by name | right, down, forward |
+//! | a camera path (`camera_path` with `camera_to_world`) | nerfstudio's viewer | one a frame | right, up, backward |
+//! | a camera (`object` with `matrix`) | three.js, `toJSON` | one | right, up, backward |
+//! | a camera (`eye`) | this library: [`read_camera`] | one | |
+//!
+//! Pictures are those of pinhole cameras. Distortion is left out, and said; fisheye and spherical cameras are refused.
+
+mod colmap;
+mod json;
+
+use std::fs::read_to_string;
+use std::path::Path;
+
+use glam::{DMat3, DQuat, DVec2, DVec3};
+
+use super::camera::{Camera, Projection};
+use super::camera_file::camera_of;
+use super::camera_path::CameraPath;
+use crate::error::{Error, Place, Result};
+
+/// A camera with its name in the file.
+#[derive(Debug, Clone)]
+pub struct NamedCamera {
+    /// Name of the picture that it took, or a number.
+    pub name: String,
+    /// The camera.
+    pub camera: Camera,
+    /// True if the lens distorts its pictures, which the camera does not.
+    pub is_distorted: bool,
+}
+
+/// The lens of a camera.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Optics {
+    /// Focal lengths and optical axis, pixels of pictures of this width and height.
+    Calibrated {
+        focal_px: DVec2,
+        centre_px: DVec2,
+        size: [usize; 2],
+    },
+    /// Full angle in radians from the left to the right of the picture, whose size the file may leave open.
+    Horizontal(f64, Option<[usize; 2]>),
+    /// Full angle in radians from the top to the bottom of the picture.
+    Vertical(f64, Option<[usize; 2]>),
+    /// Height of the picture, world units, of an orthographic camera.
+    Orthographic(f64),
+}
+
+/// A camera as its file states it.
+#[derive(Debug, Clone)]
+struct Stated {
+    name: String,
+    eye: DVec3,
+    /// Rows: right, down and forward in the world.
+    camera_from_world: DMat3,
+    optics: Optics,
+    is_distorted: bool,
+}
+
+/// Size of pictures that neither the file nor the caller states.
+const DEFAULT_SIZE: [usize; 2] = [1024, 1024];
+
+/// Reads the cameras of a file in one of the formats above, or of a folder with a model of COLMAP.
+///
+/// - `size`: width and height of the pictures; without it those that the file states for each.
+///
+/// # Errors
+/// A file that cannot be read, is damaged or has no camera; a lens that is no pinhole's; numbers that are not finite, or no
+/// rotation.
+pub fn read_cameras(path: &Path, size: Option<[usize; 2]>) -> Result<Vec<NamedCamera>> {
+    match contents(path)? {
+        Contents::Stated(stated) => at_size(path, stated, size),
+        Contents::Other(text) => Ok(vec![NamedCamera {
+            name: "0".into(),
+            camera: camera_of(path, &text, size)?,
+            is_distorted: false,
+        }]),
+    }
+}
+
+/// Reads the first camera of a file, as [`read_cameras`].
+///
+/// # Errors
+/// Those of [`read_cameras`].
+pub fn read_camera(path: &Path, size: Option<[usize; 2]>) -> Result<Camera> {
+    let cameras = read_cameras(path, size)?;
+    let first = cameras.into_iter().next();
+    first
+        .map(|first| first.camera)
+        .ok_or_else(|| no_camera(path))
+}
+
+/// Reads the cameras of a sequence of pictures: those of a [`CameraPath`], or all of a file as [`read_cameras`].
+///
+/// - `size`: width and height of the pictures; without it those of the first camera, or `default`.
+///
+/// # Errors
+/// Those of [`read_cameras`] and of [`CameraPath::read`].
+pub fn read_sequence(
+    path: &Path,
+    size: Option<[usize; 2]>,
+    default: [usize; 2],
+) -> Result<Vec<NamedCamera>> {
+    match contents(path)? {
+        Contents::Stated(stated) => {
+            let first = stated.first().and_then(|first| first.optics.size());
+            at_size(path, stated, Some(size.or(first).unwrap_or(default)))
+        }
+        Contents::Other(text) => {
+            let cameras = CameraPath::parse(path, &text)?.cameras(size.unwrap_or(default));
+            let numbered = cameras.into_iter().enumerate();
+            let named = numbered.map(|(i, camera)| NamedCamera {
+                name: i.to_string(),
+                camera,
+                is_distorted: false,
+            });
+            Ok(named.collect())
+        }
+    }
+}
+
+/// Contents of a file.
+enum Contents {
+    /// Cameras of another program.
+    Stated(Vec<Stated>),
+    /// JSON of this library's, or no cameras.
+    Other(String),
+}
+
+fn contents(path: &Path) -> Result<Contents> {
+    if let Some(model) = colmap::model_of(path) {
+        return Ok(Contents::Stated(model.read()?));
+    }
+    let text = read_to_string(path)
+        .map_err(|e| Error::io(path, "opening the camera", e, "check the path"))?;
+    crate::opened::note(path);
+    Ok(match json::stated(path, &text)? {
+        Some(stated) => Contents::Stated(stated),
+        None => Contents::Other(text),
+    })
+}
+
+/// Returns cameras for pictures of one size, or of their own.
+fn at_size(path: &Path, stated: Vec<Stated>, size: Option<[usize; 2]>) -> Result<Vec<NamedCamera>> {
+    if stated.is_empty() {
+        return Err(no_camera(path));
+    }
+    let at = |own: Stated| {
+        let size = size.or(own.optics.size()).unwrap_or(DEFAULT_SIZE);
+        own.at(path, size)
+    };
+    stated.into_iter().map(at).collect()
+}
+
+fn no_camera(path: &Path) -> Error {
+    fault(path, "cameras", "one or more", "none")
+}
+
+impl Optics {
+    /// Returns the size of the pictures, if it is known.
+    fn size(&self) -> Option<[usize; 2]> {
+        match *self {
+            Self::Calibrated { size, .. } => Some(size),
+            Self::Horizontal(_, size) | Self::Vertical(_, size) => size,
+            Self::Orthographic(_) => None,
+        }
+    }
+}
+
+impl Stated {
+    /// Returns the camera of pictures of a size.
+    fn at(self, path: &Path, size: [usize; 2]) -> Result<NamedCamera> {
+        let [width, height] = size.map(|n| n as f64);
+        let half = DVec2::new(width, height) / 2.0;
+        let (focal_px, centre_px) = match self.optics {
+            Optics::Calibrated {
+                focal_px,
+                centre_px,
+                size,
+            } => {
+                let scale = DVec2::new(width, height) / DVec2::from(size.map(|n| n as f64));
+                (focal_px * scale, centre_px * scale)
+            }
+            Optics::Horizontal(angle, _) => (DVec2::splat(half.x / (angle / 2.0).tan()), half),
+            Optics::Vertical(angle, _) => (DVec2::splat(half.y / (angle / 2.0).tan()), half),
+            Optics::Orthographic(world) => (DVec2::splat(height / world), half),
+        };
+        let camera = Camera {
+            projection: match self.optics {
+                Optics::Orthographic(_) => Projection::Orthographic,
+                _ => Projection::Perspective,
+            },
+            eye: self.eye,
+            camera_from_world: self.camera_from_world,
+            focal_px,
+            centre_px,
+            width: size[0],
+            height: size[1],
+        };
+        let numbers = [
+            camera.eye.to_array().as_slice(),
+            &focal_px.to_array(),
+            &centre_px.to_array(),
+        ]
+        .concat();
+        if numbers.iter().any(|x| !x.is_finite()) || focal_px.min_element() <= 0.0 {
+            let expected = "finite numbers, and positive focal lengths";
+            return Err(fault(
+                path,
+                format!("camera {}", self.name),
+                expected,
+                format!("{:?}", self.optics),
+            ));
+        }
+        Ok(NamedCamera {
+            name: self.name,
+            camera,
+            is_distorted: self.is_distorted,
+        })
+    }
+}
+
+/// Returns the error for a file that does not hold what its format states.
+fn fault(path: &Path, place: impl Into<Place>, expected: &str, found: impl Into<String>) -> Error {
+    Error::format(path, place, expected, found, "see docs/command-line.md")
+}
+
+/// Returns the rotation from the world to axes right, down and forward.
+///
+/// - `axes`: the camera's axes in the world, as columns: right, down and forward, or right, up and backward (`is_gl`). Their
+///   lengths may differ from 1.
+fn rotation(axes: DMat3, is_gl: bool) -> Option<DMat3> {
+    let sign = if is_gl { -1.0 } else { 1.0 };
+    let unit = |axis: DVec3| axis.try_normalize();
+    let own = DMat3::from_cols(
+        unit(axes.x_axis)?,
+        unit(axes.y_axis)? * sign,
+        unit(axes.z_axis)? * sign,
+    );
+    super::camera::is_rotation(own).then(|| {
+        let exact = DQuat::from_mat3(&own).normalize();
+        DMat3::from_quat(exact).transpose()
+    })
+}
+
+/// Returns a size of whole pixels.
+fn size_of(width: f64, height: f64) -> Option<[usize; 2]> {
+    let side = |n: f64| {
+        let is_side = n.fract() == 0.0 && (1.0..=65_535.0).contains(&n);
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a whole number from 1 to 65,535"
+        )]
+        is_side.then_some(n as usize)
+    };
+    Some([side(width)?, side(height)?])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Where pycolmap 4.2 and numpy project this point, without distortion, in pictures of each camera's size.
+    const POINT: DVec3 = DVec3::new(0.3, -0.2, 0.1);
+
+    fn fixture(name: &str) -> std::path::PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("fixtures/cameras")
+            .join(name)
+    }
+
+    fn check(
+        name: &str,
+        size: Option<[usize; 2]>,
+        expected: &[(&str, [usize; 2], [f64; 2], bool)],
+    ) {
+        let cameras = read_cameras(&fixture(name), size).unwrap();
+        assert_eq!(cameras.len(), expected.len(), "{name}");
+        for (own, (camera, size, pixel, is_distorted)) in cameras.iter().zip(expected) {
+            assert_eq!(
+                (own.name.as_str(), own.is_distorted),
+                (*camera, *is_distorted),
+                "{name}"
+            );
+            assert_eq!([own.camera.width, own.camera.height], *size, "{name}");
+            let at = own.camera.project(POINT).unwrap();
+            // The numbers are printed to 1e-8.
+            assert!(
+                at.distance(DVec2::from(*pixel)) < 1e-6,
+                "{name}, {camera}: {at}"
+            );
+        }
+    }
+
+    const ONE: [f64; 2] = [452.285_894_86, 298.561_721_1];
+    const TWO: [f64; 2] = [307.249_043_75, 258.466_332_86];
+    const C: [f64; 2] = [364.707_988_73, 231.951_121_74];
+
+    #[test]
+    fn cameras_project_as_their_programs_do() {
+        let (large, small) = ([800, 600], [640, 480]);
+        let model = [
+            ("a/one.png", large, ONE, false),
+            ("b two.jpg", small, TWO, false),
+            ("c.png", small, C, true),
+        ];
+        for name in ["text", "bin", "text/images.txt", "bin/cameras.bin"] {
+            check(name, None, &model);
+        }
+        let captured = [
+            ("images/c.png", small, C, true),
+            ("images/a/one.png", large, ONE, false),
+            ("images/b two.jpg", small, TWO, false),
+        ];
+        check("transforms.json", None, &captured);
+        // The optical axis is in the middle of the picture.
+        let trained = [
+            ("a/one.png", large, [451.285_894_86, 299.561_721_1], false),
+            ("b two.jpg", small, [304.749_043_75, 260.216_332_86], false),
+            ("c.png", small, C, false),
+        ];
+        check("trained.json", None, &trained);
+        let frames = [
+            [406.020_763_795_6, 231.714_779_940_2],
+            [397.708_442_211_8, 239.682_289_984_8],
+            [344.905_024_046_7, 260.009_568_801_3],
+        ];
+        check(
+            "path.json",
+            None,
+            &[0, 1, 2].map(|i| (["0", "1", "2"][i], [720, 480], frames[i], false)),
+        );
+        check(
+            "blender.json",
+            Some(small),
+            &[(
+                "./train/r_0",
+                small,
+                [379.233_646_070_7, 229.336_035_472_7],
+                false,
+            )],
+        );
+        check(
+            "three.json",
+            Some(small),
+            &[("view", small, [389.031_145_693_4, 227.572_169_910_4], false)],
+        );
+    }
+
+    #[test]
+    fn a_sequence_has_pictures_of_one_size() {
+        let cameras = read_sequence(&fixture("text"), None, DEFAULT_SIZE).unwrap();
+        assert!(
+            cameras
+                .iter()
+                .all(|own| [own.camera.width, own.camera.height] == [800, 600])
+        );
+        let at = cameras[1].camera.project(POINT).unwrap();
+        assert!(at.distance(DVec2::from(TWO) * 1.25) < 1e-6);
+        let cameras = read_sequence(&fixture("blender.json"), None, [64, 48]).unwrap();
+        assert_eq!(
+            [cameras[0].camera.width, cameras[0].camera.height],
+            [64, 48]
+        );
+    }
+
+    #[test]
+    fn damaged_cameras_are_one_error() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["images", "cameras"] {
+            let bytes = std::fs::read(fixture("bin").join(name).with_extension("bin")).unwrap();
+            for other in ["images", "cameras"] {
+                std::fs::copy(
+                    fixture("bin").join(other).with_extension("bin"),
+                    folder.path().join(other).with_extension("bin"),
+                )
+                .unwrap();
+            }
+            let file = folder.path().join(name).with_extension("bin");
+            for cut in 0..bytes.len() {
+                std::fs::write(&file, &bytes[..cut]).unwrap();
+                // The points of the last picture are not read.
+                let is_whole = name == "images" && cut + 2 * 24 >= bytes.len();
+                assert_eq!(
+                    read_cameras(folder.path(), None).is_ok(),
+                    is_whole,
+                    "{name} {cut}"
+                );
+            }
+            for place in 0..bytes.len() {
+                let mut damaged = bytes.clone();
+                damaged[place] ^= 0x91;
+                std::fs::write(&file, &damaged).unwrap();
+                let _ = read_cameras(folder.path(), None);
+            }
+        }
+        let json = folder.path().join("a.json");
+        let good = std::fs::read_to_string(fixture("transforms.json")).unwrap();
+        for (old, new) in [
+            ("OPENCV", "OPENCV_FISHEYE"),
+            ("\"fl_x\": 500.0", "\"fl_x\": -500.0"),
+            ("\"w\": 640", "\"w\": 640.5"),
+            ("\"w\": 640", "\"w\": 1e300"),
+            ("transform_matrix", "matrix"),
+            ("frames", "is_fisheye\": true, \"frames"),
+        ] {
+            assert!(good.contains(old), "{old}");
+            std::fs::write(&json, good.replace(old, new)).unwrap();
+            assert!(read_cameras(&json, None).is_err(), "{new}");
+        }
+        for text in [
+            "",
+            "{",
+            "[]",
+            "{\"frames\": []}",
+            "{\"frames\": [{\"transform_matrix\": [[1]], \"camera_angle_x\": 1}]}",
+        ] {
+            std::fs::write(&json, text).unwrap();
+            assert!(read_cameras(&json, None).is_err(), "{text}");
+        }
+    }
+}
