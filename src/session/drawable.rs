@@ -294,15 +294,19 @@ impl Drawable {
 
     /// Returns the direction up of each data set.
     pub fn ups(&self) -> impl Iterator<Item = Up> {
-        self.sources.iter().map(|source| match self.up {
-            Some(direction) => Up {
-                direction,
-                reason: "as it was said",
-                front: None,
-                is_plane: false,
-                is_of_mesh: false,
-            },
-            None => source.up(),
+        let given = self.given_up();
+        let sources = self.sources.iter();
+        sources.map(move |source| given.unwrap_or_else(|| source.up()))
+    }
+
+    /// Returns the direction up that was given.
+    pub(super) fn given_up(&self) -> Option<Up> {
+        self.up.map(|direction| Up {
+            direction,
+            reason: "as it was said",
+            front: None,
+            is_plane: false,
+            is_of_mesh: false,
         })
     }
 }

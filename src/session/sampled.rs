@@ -2,6 +2,7 @@
 
 use std::time::Instant;
 
+use super::ranks::Placement;
 use super::source::Source;
 use crate::error::{Error, Result};
 use crate::io::SphKernel;
@@ -128,6 +129,8 @@ pub struct Sampled {
     pub firsts: Vec<(usize, bool)>,
     /// As [`Ready::counts`].
     pub counts: Vec<Option<usize>>,
+    /// Places of the volumes among those of all ranks, if ranks share the data.
+    pub(super) placement: Option<Placement>,
 }
 
 impl Sampled {
