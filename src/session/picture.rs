@@ -201,9 +201,7 @@ fn said(request: PictureRequest<'_>) -> String {
 
 #[cfg(test)]
 mod tests {
-    use std::convert::Infallible;
     use std::panic::{AssertUnwindSafe, catch_unwind};
-    use std::path::PathBuf;
     use std::sync::Arc;
 
     use glam::DVec3;
@@ -211,64 +209,8 @@ mod tests {
     use super::*;
     use crate::frame::backend::Backend;
     use crate::io::{Association, Geometry};
-    use crate::sample::TransferChoice;
-    use crate::session::{Arguments, Drawable, drawing, field, sampling};
-
-    /// Arguments of a caller who gives none.
-    struct Nothing;
-
-    impl Arguments for Nothing {
-        type Error = Infallible;
-
-        fn flag(&mut self, _: &'static str) -> Result<Option<bool>, Infallible> {
-            Ok(None)
-        }
-        fn float(&mut self, _: &'static str) -> Result<Option<f64>, Infallible> {
-            Ok(None)
-        }
-        fn whole(&mut self, _: &'static str) -> Result<Option<i64>, Infallible> {
-            Ok(None)
-        }
-        fn count(&mut self, _: &'static str) -> Result<Option<usize>, Infallible> {
-            Ok(None)
-        }
-        fn text(&mut self, _: &'static str) -> Result<Option<String>, Infallible> {
-            Ok(None)
-        }
-        fn texts(&mut self, _: &'static str) -> Result<Option<Vec<String>>, Infallible> {
-            Ok(None)
-        }
-        fn pairs(&mut self, _: &'static str) -> Result<Option<Vec<(String, String)>>, Infallible> {
-            Ok(None)
-        }
-        fn path(&mut self, _: &'static str) -> Result<Option<PathBuf>, Infallible> {
-            Ok(None)
-        }
-        fn floats<const N: usize>(
-            &mut self,
-            _: &'static str,
-        ) -> Result<Option<[f64; N]>, Infallible> {
-            Ok(None)
-        }
-        fn counts<const N: usize>(
-            &mut self,
-            _: &'static str,
-        ) -> Result<Option<[usize; N]>, Infallible> {
-            Ok(None)
-        }
-        fn rows<const N: usize>(
-            &mut self,
-            _: &'static str,
-        ) -> Result<Option<Vec<[f64; N]>>, Infallible> {
-            Ok(None)
-        }
-        fn transfer(&mut self, _: &'static str) -> Result<Option<TransferChoice>, Infallible> {
-            Ok(None)
-        }
-        fn refused(text: impl Into<String>) -> Infallible {
-            panic!("{}", text.into())
-        }
-    }
+    use crate::session::arguments::Nothing;
+    use crate::session::{Drawable, drawing, field, sampling};
 
     #[test]
     fn a_session_draws_again_after_a_panic_and_after_cancelled_work() {

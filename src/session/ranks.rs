@@ -245,20 +245,6 @@ fn kind_of(source: &Source) -> u8 {
     }
 }
 
-fn is_empty(source: &Source) -> bool {
-    match &source.data {
-        Data::Set(dataset) => match &dataset.geometry {
-            Geometry::Points { positions } => positions.is_empty(),
-            Geometry::Cells(mesh) => mesh.cell_count() == 0,
-            Geometry::Lattice(lattice) => lattice.len() == 0,
-            Geometry::Curvilinear { blocks } => blocks.iter().all(|block| block.nodes.is_empty()),
-            Geometry::Splats(cloud) => cloud.positions.is_empty(),
-            Geometry::Mesh(mesh) => mesh.parts.iter().all(|part| part.triangles.is_empty()),
-        },
-        Data::Surfels(ready) => ready.volume.particles.len() == 0,
-    }
-}
-
 impl Parts {
     /// Collects what all ranks must know of each other's drawables.
     ///
@@ -279,7 +265,7 @@ impl Parts {
         for source in sources() {
             let own = (
                 kind_of(source),
-                is_empty(source),
+                source.is_empty(),
                 SentUp::from(source.up()),
                 source.corners().map(arrays_of),
             );
@@ -408,7 +394,7 @@ impl Parts {
         ranks: &mut dyn Collective,
     ) -> Result<Vec<SampleOptions>> {
         let choices = things.iter().map(|(_, source)| match &source.data {
-            Data::Set(dataset) if !is_empty(source) => field_choices(dataset)
+            Data::Set(dataset) if !source.is_empty() => field_choices(dataset)
                 .into_iter()
                 .map(|own| (own.name, own.ranges, own.rank))
                 .collect(),
@@ -631,4 +617,442 @@ fn joined(
     sampled.smoothing = common_smoothing(reports.iter());
     sampled.placement = Some(placement);
     Ok(sampled)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::thread;
+
+    use glam::{DMat3, DVec3};
+
+    use super::*;
+    use crate::frame::backend::Backend;
+    use crate::io::{Association, CellKind, Mesh};
+    use crate::ranks::ThreadRank;
+    use crate::sample::{BoundaryChoice, TransferChoice};
+    use crate::scene::{Lattice, LatticeSpacing, Values};
+    use crate::session::arguments::Nothing;
+    use crate::session::{
+        ColumnRequest, Drawing, PictureRequest, Sampling, Session, drawing, field, sampling,
+    };
+    use crate::task::Task;
+
+    const SIZE: [usize; 2] = [40, 30];
+
+    fn options() -> Sampling {
+        let Ok(own) = sampling(&mut Nothing);
+        own
+    }
+
+    fn settings() -> Drawing {
+        let Ok(own) = drawing(&mut Nothing);
+        own
+    }
+
+    /// Returns a number from 0 to 1 that depends on `n` alone.
+    fn number(n: usize) -> f64 {
+        let hashed = (n as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        let hashed = (hashed ^ (hashed >> 31)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        ((hashed ^ (hashed >> 29)) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    /// Makes points of these columns, numbered as among the points of all ranks.
+    fn points(run: Range<usize>, columns: &[&str], own: Sampling) -> Drawable {
+        let place = |n: usize| DVec3::new(number(3 * n), number(3 * n + 1), number(3 * n + 2));
+        let positions: Vec<DVec3> = run.clone().map(place).collect();
+        let fields = columns.iter().map(|&name| {
+            let value = |n: usize| match name {
+                "radius" | "h" => 0.05 + 0.05 * number(7 * n),
+                "mass" | "m" => 0.001 * (1.0 + number(5 * n)),
+                "value" => positions_value(place(n)),
+                _ => number(11 * n + name.len()),
+            };
+            let values: Vec<f32> = run.clone().map(|n| value(n) as f32).collect();
+            field(name, values.into(), Association::Nodes)
+        });
+        let fields = fields.collect();
+        Drawable::of("points", Geometry::Points { positions }, fields, own).unwrap()
+    }
+
+    fn positions_value(p: DVec3) -> f64 {
+        (4.0 * p.x).sin() + p.y * p.z
+    }
+
+    /// Makes hexahedra between the planes `run` along x of a lattice of nodes.
+    fn cells(run: Range<usize>, association: Association, own: Sampling) -> Drawable {
+        let count = (run.end + 1 - run.start) * usize::from(!run.is_empty());
+        let mut nodes = Vec::new();
+        for n in 0..count * 25 {
+            let [i, j, k] = [run.start + n / 25, n / 5 % 5, n % 5];
+            let bend = 0.1 * number(i * 25 + n % 25);
+            nodes.push(DVec3::new(i as f64 + bend, j as f64, k as f64));
+        }
+        let mut lists = Vec::new();
+        let mut middles = Vec::new();
+        for (i, j, k) in (0..run.len() * 16).map(|c| (c / 16, c / 4 % 4, c % 4)) {
+            let node = |i: usize, j: usize, k: usize| (i * 25 + j * 5 + k) as i64;
+            let face = |i| {
+                [
+                    node(i, j, k),
+                    node(i, j + 1, k),
+                    node(i, j + 1, k + 1),
+                    node(i, j, k + 1),
+                ]
+            };
+            lists.push(8);
+            lists.extend([face(i), face(i + 1)].concat());
+            middles.push(DVec3::new((run.start + i) as f64, j as f64, k as f64));
+        }
+        let kinds = vec![CellKind::HEXAHEDRON.0; middles.len()];
+        let mesh = CellMesh::of_lists(nodes.clone(), &kinds, &lists).unwrap();
+        let places = if association == Association::Nodes {
+            nodes
+        } else {
+            middles
+        };
+        let values = places.iter().map(|p| positions_value(*p / 4.0) as f32);
+        let values: Vec<f32> = values.collect();
+        let fields = vec![field("value", values.into(), association)];
+        Drawable::of("cells", Geometry::Cells(mesh), fields, own).unwrap()
+    }
+
+    /// Makes a lattice of the planes `run` along z, each of which two ranks may hold.
+    fn lattice(run: Range<usize>) -> Drawable {
+        let lattice = Lattice {
+            dims: [6, 5, run.len()],
+            spacing: LatticeSpacing::Uniform {
+                origin: DVec3::Z * run.start as f64,
+                step: DMat3::IDENTITY,
+            },
+        };
+        let values = (0..lattice.len()).map(|n| number(n + 30 * run.start) as f32);
+        let values: Vec<f32> = values.collect();
+        let fields = vec![field("value", values.into(), Association::Nodes)];
+        Drawable::of("grid", Geometry::Lattice(lattice), fields, options()).unwrap()
+    }
+
+    fn triangles(run: Range<usize>) -> Drawable {
+        let vertices: Vec<DVec3> = (run.start * 3..run.end * 3)
+            .map(|n| DVec3::new(number(n), number(n + 1000), 0.2 * number(n + 2000)))
+            .collect();
+        let faces = (0..run.len() as u32).map(|n| [3 * n, 3 * n + 1, 3 * n + 2]);
+        let mesh = Mesh::of_triangles(vertices, faces.collect::<Vec<_>>());
+        Drawable::of("mesh", Geometry::Mesh(mesh), Vec::new(), options()).unwrap()
+    }
+
+    /// Returns the bits of a picture and of its depths.
+    fn picture(session: &Session, drawing: &Drawing) -> Result<Vec<u32>> {
+        let mut drawing = drawing.clone();
+        drawing.settings.depth = true;
+        let request = PictureRequest {
+            view: None,
+            size: SIZE,
+            drawing: &drawing,
+        };
+        let (drawn, ()) = session.render(request, &Task::new(), |_, _, _, _| Ok(()))?;
+        let mut numbers = drawn.image.pixels.concat();
+        numbers.extend(drawn.depth.unwrap_or_default());
+        Ok(numbers.into_iter().map(f32::to_bits).collect())
+    }
+
+    fn columns(session: &Session, of: Option<&str>) -> Result<Vec<u32>> {
+        let request = ColumnRequest {
+            view: None,
+            size: SIZE,
+            drawing: &settings(),
+            of,
+            mean: None,
+            slice: None,
+        };
+        let drawn = session.columns(request, &Task::new())?;
+        Ok(drawn.column.values.into_iter().map(f32::to_bits).collect())
+    }
+
+    type Draw<'a> = &'a (dyn Fn(&Session) -> Result<Vec<u32>> + Sync);
+
+    fn alone(things: Vec<Drawable>, draw: Draw<'_>) -> Result<Vec<u32>> {
+        let things = things.into_iter().map(Arc::new).collect();
+        draw(&Session::new(things, Backend::Cpu, false))
+    }
+
+    /// Draws on ranks; returns the result of each.
+    fn on_ranks(
+        size: usize,
+        parts: &(dyn Fn(usize) -> Vec<Drawable> + Sync),
+        draw: Draw<'_>,
+    ) -> Vec<Result<Vec<u32>>> {
+        thread::scope(|scope| {
+            let draw = |own: ThreadRank| {
+                let things = parts(own.rank()).into_iter().map(Arc::new);
+                let session = Session::over_ranks(Ok::<_, Error>(things.collect()), own)?;
+                draw(&session)
+            };
+            let ranks = ThreadRank::group(size).into_iter();
+            let threads: Vec<_> = ranks.map(|own| scope.spawn(move || draw(own))).collect();
+            threads.into_iter().map(|t| t.join().unwrap()).collect()
+        })
+    }
+
+    fn check(
+        name: &str,
+        whole: Vec<Drawable>,
+        parts: &(dyn Fn(usize) -> Vec<Drawable> + Sync),
+        draw: Draw<'_>,
+    ) {
+        let expected = alone(whole, draw).unwrap();
+        assert!(expected.iter().any(|bits| *bits != expected[0]), "{name}");
+        let found = on_ranks(3, parts, draw);
+        let first = found[0]
+            .as_ref()
+            .unwrap_or_else(|error| panic!("{name}: {error}"));
+        assert!(found.iter().all(Result::is_ok), "{name}: {found:?}");
+        let other = first.iter().zip(&expected).filter(|(a, b)| a != b).count();
+        assert!(
+            *first == expected,
+            "{name}: {other} of {} differ",
+            expected.len()
+        );
+    }
+
+    /// Parts of three ranks, of which the first holds nothing.
+    const RUNS: [Range<usize>; 3] = [0..0, 0..500, 500..900];
+
+    #[test]
+    fn parts_of_points_are_one_data_set() {
+        let all_columns: [&[&str]; 6] = [
+            &["value"],
+            &["radius", "value"],
+            &["radius", "mass", "r", "g", "b"],
+            &["h", "m", "rho"],
+            &["h", "m", "value"],
+            &["radius", "volume", "value"],
+        ];
+        let mut lit = settings();
+        lit.is_lit = true;
+        for columns in all_columns {
+            let part = |rank: usize| vec![points(RUNS[rank].clone(), columns, options())];
+            for drawing in [settings(), lit.clone()] {
+                let draw = |session: &Session| picture(session, &drawing);
+                let whole = vec![points(0..900, columns, options())];
+                check(&format!("{columns:?}"), whole, &part, &draw);
+            }
+        }
+    }
+
+    #[test]
+    fn columns_of_parts_are_those_of_all() {
+        let all: [(&[&str], Option<&str>); 3] = [
+            (&["radius", "mass"], Some("mass")),
+            (&["h", "m"], None),
+            (&["radius", "volume", "value"], Some("value")),
+        ];
+        for (names, of) in all {
+            let part = |rank: usize| vec![points(RUNS[rank].clone(), names, options())];
+            let draw = |session: &Session| columns(session, of);
+            let whole = vec![points(0..900, names, options())];
+            check(&format!("{names:?}"), whole, &part, &draw);
+        }
+    }
+
+    #[test]
+    fn parts_of_cells_are_one_mesh() {
+        // Two layers of cells, none, and three.
+        let runs = [0..2, 2..2, 2..5];
+        let soft = || {
+            let mut own = options();
+            own.options.kernels.boundary = BoundaryChoice::Soft;
+            own
+        };
+        let draw = |session: &Session| picture(session, &settings());
+        for association in [Association::Nodes, Association::Cells] {
+            let part = |rank: usize| vec![cells(runs[rank].clone(), association, soft())];
+            let whole = vec![cells(0..5, association, soft())];
+            check(&format!("{association:?}"), whole, &part, &draw);
+        }
+        // Parts that are cut at their boundaries are meshes of their own.
+        let sharp = || {
+            let mut own = options();
+            own.options.kernels.boundary = BoundaryChoice::Sharp;
+            own
+        };
+        let part = |rank: usize| vec![cells(runs[rank].clone(), Association::Nodes, sharp())];
+        let whole = [0, 2].map(|rank| part(rank).swap_remove(0));
+        check("sharp", whole.into(), &part, &draw);
+    }
+
+    #[test]
+    fn parts_of_grids_and_meshes_are_data_sets_of_their_own() {
+        let draw = |session: &Session| picture(session, &settings());
+        let runs = [0..3, 0..0, 2..7];
+        let part = |rank: usize| vec![lattice(runs[rank].clone())];
+        check("grids", vec![lattice(0..3), lattice(2..7)], &part, &draw);
+        let part = |rank: usize| vec![triangles(10 * rank..10 * rank + 10)];
+        let whole = (0..3).map(|rank| part(rank).swap_remove(0)).collect();
+        check("meshes", whole, &part, &draw);
+    }
+
+    #[test]
+    fn scenes_of_all_ranks_share_one_function_and_one_field() {
+        let draw = |session: &Session| picture(session, &settings());
+        let runs = [0..2, 2..2, 2..4];
+        let named = || {
+            let mut own = options();
+            own.options.function.transfer = TransferChoice::Named("plasma".into());
+            own.options.kernels.boundary = BoundaryChoice::Soft;
+            own
+        };
+        let part = |rank: usize| {
+            vec![
+                points(RUNS[rank].clone(), &["value", "other"], named()),
+                cells(runs[rank].clone(), Association::Nodes, named()),
+                lattice(runs[rank].clone()),
+            ]
+        };
+        let whole = vec![
+            points(0..900, &["value", "other"], named()),
+            cells(0..4, Association::Nodes, named()),
+            lattice(0..2),
+            lattice(2..4),
+        ];
+        check("mixed", whole, &part, &draw);
+    }
+
+    #[test]
+    fn the_first_rank_has_the_background_and_values_change_on_all() {
+        let shown = || {
+            let mut own = options();
+            own.options.field = Some("value".into());
+            own
+        };
+        let part = |rank: usize| vec![points(RUNS[rank].clone(), &["value"], shown())];
+        let draw = |session: &Session| {
+            let mut all = picture(session, &settings())?;
+            let mut over = settings();
+            let [width, height] = SIZE;
+            if session.is_first() {
+                over.backdrop.depth = Some(DepthImage {
+                    width,
+                    height,
+                    depths: (0..width * height)
+                        .map(|n| 1.0 + (n % width) as f32 / 8.0)
+                        .collect(),
+                });
+                over.backdrop.colours = Some(Image {
+                    width,
+                    height,
+                    pixels: vec![[0.2, 0.0, 0.0, 1.0]; width * height],
+                });
+            }
+            all.extend(picture(session, &over)?);
+            let count =
+                session
+                    .lock(&Task::new())?
+                    .sources()
+                    .next()
+                    .map(|(_, source)| match &source.data {
+                        Data::Set(dataset) => dataset.fields[0].arrays()[0].len(),
+                        Data::Surfels(_) => 0,
+                    });
+            // Values that tell nothing of a part's place: each number is the same.
+            let values: Values = vec![0.25_f32; count.unwrap_or(0)].into();
+            session.set_values(0, values, &Task::new())?;
+            let mut ranged = settings();
+            ranged.transfer = Some(TransferChoice::Named("viridis".into()));
+            all.extend(picture(session, &ranged)?);
+            Ok(all)
+        };
+        check(
+            "steps",
+            vec![points(0..900, &["value"], shown())],
+            &part,
+            &draw,
+        );
+    }
+
+    #[test]
+    fn what_fails_on_one_rank_fails_on_all() {
+        let part = |rank: usize| vec![points(RUNS[rank].clone(), &["value"], options())];
+        let texts = |found: Vec<Result<Vec<u32>>>| -> Vec<String> {
+            found
+                .into_iter()
+                .map(|own| own.unwrap_err().to_string())
+                .collect()
+        };
+        // Other options, other settings, other calls, other numbers of values, a cancelled task.
+        let wider = |rank: usize| {
+            let mut own = options();
+            own.options.kernels.width += rank as f64;
+            vec![points(RUNS[rank].clone(), &["value"], own)]
+        };
+        let draw = |session: &Session| picture(session, &settings());
+        let found = texts(on_ranks(3, &wider, &draw));
+        assert!(
+            found.iter().all(|text| text.contains("options of scenes")),
+            "{found:?}"
+        );
+        let named = |rank: usize| {
+            let name = if rank == 1 { "other" } else { "value" };
+            vec![points(RUNS[rank].clone(), &[name], options())]
+        };
+        let found = texts(on_ranks(3, &named, &draw));
+        assert!(
+            found.iter().all(|text| text.contains("fields of ranks")),
+            "{found:?}"
+        );
+        let draw = |session: &Session| {
+            let mut own = settings();
+            own.settings.tolerance = if session.is_first() { 0.1 } else { 0.2 };
+            picture(session, &own)
+        };
+        let found = texts(on_ranks(3, &part, &draw));
+        assert!(
+            found.iter().all(|text| text.contains("rank 1")),
+            "{found:?}"
+        );
+        let draw = |session: &Session| match session.is_first() {
+            true => picture(session, &settings()),
+            false => columns(session, None),
+        };
+        let found = texts(on_ranks(2, &part, &draw));
+        assert!(
+            found.iter().all(|text| text.contains("rank 1")),
+            "{found:?}"
+        );
+        let draw = |session: &Session| {
+            let count = if session.is_first() { 7 } else { 500 };
+            session.set_values(0, vec![0.0_f32; count].into(), &Task::new())?;
+            Ok(Vec::new())
+        };
+        let found = texts(on_ranks(2, &part, &draw));
+        assert!(
+            found.iter().all(|text| text.contains("values")),
+            "{found:?}"
+        );
+        let draw = |session: &Session| {
+            let task = Task::new();
+            if session.is_first() {
+                task.cancel();
+            }
+            let request = PictureRequest {
+                view: None,
+                size: SIZE,
+                drawing: &settings(),
+            };
+            session.render(request, &task, |_, _, _, _| Ok(()))?;
+            Ok(Vec::new())
+        };
+        let found = texts(on_ranks(2, &part, &draw));
+        assert!(
+            found.iter().all(|text| text.contains("cancelled")),
+            "{found:?}"
+        );
+        // No data on any rank.
+        let none = |_: usize| vec![lattice(0..0)];
+        let draw = |session: &Session| picture(session, &settings());
+        let found = texts(on_ranks(2, &none, &draw));
+        assert!(
+            found.iter().all(|text| text.contains("data on some rank")),
+            "{found:?}"
+        );
+    }
 }

@@ -1,6 +1,7 @@
 //! Samples data in memory of which each rank holds a part: the particles are those of the whole in one process, one
 //! rank's part after another.
 
+use std::borrow::Cow;
 use std::hash::{DefaultHasher, Hash, Hasher};
 
 use super::function::found_by_all;
@@ -23,6 +24,7 @@ use crate::sample::{
     Found, OfRows, PartitionedRows, PurposeOptions, SampleOptions, SampleReport, colour_numbers,
     of_rows, rows, summed_function,
 };
+use crate::scene::Values;
 
 /// Samples points or cells of which each rank holds a part, as one process samples the whole. The numbers of particles
 /// are those of one process.
@@ -43,18 +45,18 @@ pub(crate) fn held_together(
 ) -> Result<Option<(Share, SampleReport)>> {
     let (mut share, report) = match &dataset.geometry {
         Geometry::Points { .. } => {
-            check_fields(dataset, ranks)?;
-            points(dataset, options, ranks)?
+            let dataset = alike(dataset, ranks)?;
+            points(&dataset, options, ranks)?
         }
         Geometry::Cells(mesh) => {
-            check_fields(dataset, ranks)?;
+            let dataset = alike(dataset, ranks)?;
             if !are_plain(mesh, ranks)? || options.makes_surface() {
                 return Ok(None);
             }
             if options.kernels.shepard_passes > 0 {
                 return Ok(None);
             }
-            let Some(part) = held_cells(dataset.clone(), options, ranks)? else {
+            let Some(part) = held_cells(dataset.into_owned(), options, ranks)? else {
                 return Ok(None);
             };
             (part.share, part.report)
@@ -73,24 +75,50 @@ pub(crate) fn held_together(
     Ok(Some((share, report)))
 }
 
-/// Checks that all ranks have the same fields.
-fn check_fields(dataset: &Dataset, ranks: &mut dyn Collective) -> Result<()> {
+/// Checks that all ranks have the same fields, and returns them with floating-point values in double precision where any
+/// rank has them so. (Values are stored in single precision if that keeps them.)
+fn alike<'a>(dataset: &'a Dataset, ranks: &mut dyn Collective) -> Result<Cow<'a, Dataset>> {
+    let kinds = |field: &Field| -> Vec<&str> {
+        let arrays = field.arrays();
+        arrays.iter().map(Values::kind_name).collect()
+    };
     let mut hasher = DefaultHasher::new();
     for field in &dataset.fields {
         (&field.name, field.association == Association::Nodes).hash(&mut hasher);
-        for values in field.arrays() {
-            values.type_name().hash(&mut hasher);
-        }
+        kinds(field).hash(&mut hasher);
     }
-    match ranks.first_other(hasher.finish())? {
-        None => Ok(()),
-        Some(rank) => Err(Error::invalid(
+    if let Some(rank) = ranks.first_other(hasher.finish())? {
+        return Err(Error::invalid(
             "scene",
             "fields of ranks",
             "the same names and types of numbers on every rank",
             format!("others on rank {rank} than on rank 0"),
             "give every rank the same fields, empty ones to a rank without data",
-        )),
+        ));
+    }
+    let is_wide = |field: &Field| field.arrays().iter().any(|v| matches!(v, Values::F64(_)));
+    let own = dataset.fields.iter().map(|field| u64::from(is_wide(field)));
+    let all = ranks.sums(Ok(own.collect()))?;
+    let differs = |(field, count): (&Field, &u64)| *count > 0 && !is_wide(field);
+    if !dataset.fields.iter().zip(&all).any(differs) {
+        return Ok(Cow::Borrowed(dataset));
+    }
+    let mut own = dataset.clone();
+    for (field, _) in own.fields.iter_mut().zip(all).filter(|(_, n)| *n > 0) {
+        match &mut field.source {
+            FieldSource::Scalar(values) => *values = wide(values),
+            FieldSource::Vector(all) => all.iter_mut().for_each(|values| *values = wide(values)),
+            FieldSource::Derived(_) => {}
+        }
+    }
+    Ok(Cow::Owned(own))
+}
+
+/// Returns floating-point values in double precision.
+fn wide(values: &Values) -> Values {
+    match values {
+        Values::F32(own) => Values::F64(own.iter().copied().map(f64::from).collect()),
+        other => other.clone(),
     }
 }
 
