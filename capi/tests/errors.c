@@ -222,8 +222,8 @@ int main(void) {
     INVALID(ewa_deep_depth(deep, NULL, pixels, 64), "kind");
     GOOD(ewa_deep_depth(deep, "median", pixels, 64));
     INVALID(ewa_deep_write(deep, NULL), "path");
-    FAILS(ewa_deep_write(deep, "/nowhere/deep.exr"), EWA_IO, "/nowhere");
-    INVALID(ewa_deep_write(deep, "deep.png"), "exr");
+    FAILS(ewa_deep_write(deep, "/nowhere/deep.exr"), EWA_FORMAT, "/nowhere");
+    FAILS(ewa_deep_write(deep, "deep.png"), EWA_FORMAT, "exr");
     ewa_deep_free(deep);
     ewa_deep_free(NULL);
     ewa_renderer *shared = (ewa_renderer *)1;

@@ -5,11 +5,10 @@
 //! same order; the first one gets them.
 
 use std::fmt::Display;
-use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::drawable::Drawable;
-use super::sampled::{Purpose, Sampled};
+use super::sampled::{Placement, Purpose, Sampled};
 use super::source::{Data, Source};
 use crate::collective::Collective;
 use crate::error::{Error, Result};
@@ -215,23 +214,6 @@ struct Made {
 
 /// Facts on a data set once it was sampled, as ranks send them.
 type Facts = (Option<String>, Option<String>, Option<SphKernel>, usize);
-
-/// Numbers of particles and planes of lattices, which complete volumes to a [`Share`].
-#[derive(Debug, Default)]
-pub(super) struct Placement {
-    numbers: Vec<Vec<u64>>,
-    planes: Vec<Vec<Range<usize>>>,
-}
-
-impl Placement {
-    pub(super) fn share(self, volumes: Vec<PointVolume>) -> Share {
-        Share {
-            volumes,
-            numbers: Some(self.numbers),
-            planes: Some(self.planes),
-        }
-    }
-}
 
 /// Returns a number for the kind of a part.
 fn kind_of(source: &Source) -> u8 {
@@ -621,6 +603,7 @@ fn joined(
 
 #[cfg(test)]
 mod tests {
+    use std::ops::Range;
     use std::thread;
 
     use glam::{DMat3, DVec3};
@@ -678,37 +661,36 @@ mod tests {
         (4.0 * p.x).sin() + p.y * p.z
     }
 
-    /// Makes hexahedra between the planes `run` along x of a lattice of nodes.
-    fn cells(run: Range<usize>, association: Association, own: Sampling) -> Drawable {
-        let count = (run.end + 1 - run.start) * usize::from(!run.is_empty());
-        let mut nodes = Vec::new();
-        for n in 0..count * 25 {
-            let [i, j, k] = [run.start + n / 25, n / 5 % 5, n % 5];
-            let bend = 0.1 * number(i * 25 + n % 25);
-            nodes.push(DVec3::new(i as f64 + bend, j as f64, k as f64));
-        }
-        let mut lists = Vec::new();
-        let mut middles = Vec::new();
-        for (i, j, k) in (0..run.len() * 16).map(|c| (c / 16, c / 4 % 4, c % 4)) {
-            let node = |i: usize, j: usize, k: usize| (i * 25 + j * 5 + k) as i64;
-            let face = |i| {
-                [
-                    node(i, j, k),
-                    node(i, j + 1, k),
-                    node(i, j + 1, k + 1),
-                    node(i, j, k + 1),
-                ]
-            };
-            lists.push(8);
-            lists.extend([face(i), face(i + 1)].concat());
-            middles.push(DVec3::new((run.start + i) as f64, j as f64, k as f64));
+    /// Makes hexahedra between planes along x of a lattice of nodes. Each run of planes has nodes of its own, as on a rank.
+    fn cells(runs: &[Range<usize>], association: Association, own: Sampling) -> Drawable {
+        let (mut nodes, mut lists, mut middles) = (Vec::new(), Vec::new(), Vec::new());
+        for run in runs.iter().filter(|run| !run.is_empty()) {
+            let first = nodes.len();
+            for (i, j, k) in (0..25 * (run.len() + 1)).map(|n| (n / 25, n / 5 % 5, n % 5)) {
+                let i = run.start + i;
+                let bend = 0.1 * number(i * 25 + j * 5 + k);
+                nodes.push(DVec3::new(i as f64 + bend, j as f64, k as f64));
+            }
+            for (i, j, k) in (0..run.len() * 16).map(|c| (c / 16, c / 4 % 4, c % 4)) {
+                let node = |i: usize, j: usize, k: usize| (first + i * 25 + j * 5 + k) as i64;
+                let face = |i| {
+                    [
+                        node(i, j, k),
+                        node(i, j + 1, k),
+                        node(i, j + 1, k + 1),
+                        node(i, j, k + 1),
+                    ]
+                };
+                lists.push(8);
+                lists.extend([face(i), face(i + 1)].concat());
+                middles.push(DVec3::new((run.start + i) as f64, j as f64, k as f64));
+            }
         }
         let kinds = vec![CellKind::HEXAHEDRON.0; middles.len()];
         let mesh = CellMesh::of_lists(nodes.clone(), &kinds, &lists).unwrap();
-        let places = if association == Association::Nodes {
-            nodes
-        } else {
-            middles
+        let places = match association {
+            Association::Nodes => nodes,
+            _ => middles,
         };
         let values = places.iter().map(|p| positions_value(*p / 4.0) as f32);
         let values: Vec<f32> = values.collect();
@@ -865,8 +847,8 @@ mod tests {
         };
         let draw = |session: &Session| picture(session, &settings());
         for association in [Association::Nodes, Association::Cells] {
-            let part = |rank: usize| vec![cells(runs[rank].clone(), association, soft())];
-            let whole = vec![cells(0..5, association, soft())];
+            let part = |rank: usize| vec![cells(&runs[rank..=rank], association, soft())];
+            let whole = vec![cells(&runs, association, soft())];
             check(&format!("{association:?}"), whole, &part, &draw);
         }
         // Parts that are cut at their boundaries are meshes of their own.
@@ -875,7 +857,7 @@ mod tests {
             own.options.kernels.boundary = BoundaryChoice::Sharp;
             own
         };
-        let part = |rank: usize| vec![cells(runs[rank].clone(), Association::Nodes, sharp())];
+        let part = |rank: usize| vec![cells(&runs[rank..=rank], Association::Nodes, sharp())];
         let whole = [0, 2].map(|rank| part(rank).swap_remove(0));
         check("sharp", whole.into(), &part, &draw);
     }
@@ -904,13 +886,13 @@ mod tests {
         let part = |rank: usize| {
             vec![
                 points(RUNS[rank].clone(), &["value", "other"], named()),
-                cells(runs[rank].clone(), Association::Nodes, named()),
+                cells(&runs[rank..=rank], Association::Nodes, named()),
                 lattice(runs[rank].clone()),
             ]
         };
         let whole = vec![
             points(0..900, &["value", "other"], named()),
-            cells(0..4, Association::Nodes, named()),
+            cells(&runs, Association::Nodes, named()),
             lattice(0..2),
             lattice(2..4),
         ];

@@ -217,7 +217,7 @@ impl State {
     /// Returns the periodic box of all particles.
     ///
     /// # Errors
-    /// Scenes with different boxes, or with and without one.
+    /// Drawables with different boxes, or with and without one.
     pub fn periodic(&self) -> Result<Option<PeriodicBox>> {
         let mut boxes = self.sources().map(|(_, source)| source.options.periodic);
         let first = boxes.next().flatten();
@@ -225,7 +225,7 @@ impl State {
             true => Ok(first),
             false => Err(Error::invalid(
                 "box",
-                "scenes",
+                "data",
                 "the same periodic box for all",
                 "different ones",
                 "give all the same",
