@@ -360,37 +360,6 @@ fn fortran_draws_what_the_library_draws() {
 }
 
 #[test]
-fn the_static_library_is_linked_as_the_documentation_says() {
-    if !cfg!(target_os = "linux") {
-        println!("programs are linked on Linux alone: skipped");
-        return;
-    }
-    let page = std::fs::read_to_string(root().join("../docs/c.md")).unwrap();
-    let (_, rest) = page.split_once("libewa_splat.a ").unwrap();
-    let (libraries, _) = rest.split_once(" -o main").unwrap();
-    let folder = tempfile::tempdir().unwrap();
-    let program = folder.path().join("program");
-    let (compiler, words) = compiler_of_c();
-    let mut command = Command::new(compiler);
-    command.args(words).arg(root().join("examples/points.c"));
-    command.arg("-I").arg(root().join("include"));
-    command.arg(built().join("libewa_splat_tested.a"));
-    command.args(libraries.split(' ')).arg("-o").arg(&program);
-    let done = match command.output() {
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-            println!("no compiler of C: skipped");
-            return;
-        }
-        done => done.unwrap(),
-    };
-    let text = String::from_utf8_lossy(&done.stderr);
-    assert!(done.status.success(), "{text}");
-    let out = folder.path().join("out");
-    assert!(Command::new(program).arg(&out).status().unwrap().success());
-    assert!(std::fs::metadata(out).unwrap().len() > 0);
-}
-
-#[test]
 fn deep_images_are_those_of_the_library() {
     let Some(found) = run_deep() else {
         return;
