@@ -72,6 +72,20 @@ impl Task {
         self.0.is_cancelled.store(true, Ordering::Relaxed);
     }
 
+    /// Returns a task that reports to the same observer and that nothing cancels.
+    #[cfg(feature = "prepared")]
+    pub(crate) fn without_cancel(&self) -> Self {
+        let own = self.clone();
+        match own.0.observer {
+            None => Self::new(),
+            Some(_) => Self::observed(move |progress| {
+                if let Some(observer) = &own.0.observer {
+                    observer(progress);
+                }
+            }),
+        }
+    }
+
     /// Returns true if the task has been cancelled.
     pub fn is_cancelled(&self) -> bool {
         self.0.is_cancelled.load(Ordering::Relaxed)

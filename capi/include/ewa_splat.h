@@ -19,6 +19,12 @@
  *   process shares (RAYON_NUM_THREADS sets their number). The GPU cannot be used in a process that was forked from one that
  *   has drawn.
  *
+ * Ranks
+ *   Processes of an MPI job may hold one set of data in parts (ewa_renderer_new_mpi). All ranks call the functions that
+ *   take such a renderer, but for ewa_renderer_adapter, in the same order with the same settings, and free it together. The
+ *   first rank alone gets pictures. An error on one rank is an error on all: EWA_OTHER_RANK, with the text and the number of
+ *   the rank, where the fault is not. Only EWA_INTERNAL may leave other ranks waiting: end the job then, by MPI_Abort.
+ *
  * Settings
  *   Settings and options are JSON objects in UTF-8: {"tolerance": 0.01, "composite": "slabs"}. NULL and "" are none.
  *   Names are the command line's; `-` and `_` are the same. A name that is unknown is an error, which names the nearest.
@@ -51,7 +57,8 @@ enum {
     EWA_DEVICE_LOST = 6,   /* the GPU no longer answers */
     EWA_UNSUPPORTED = 7,   /* the GPU cannot draw this; the CPU can */
     EWA_CANCELLED = 8,     /* the task was cancelled */
-    EWA_INTERNAL = 9       /* a fault of the library */
+    EWA_INTERNAL = 9,      /* a fault of the library */
+    EWA_OTHER_RANK = 10    /* another rank of an MPI job has failed */
 };
 
 /* Types of numbers. */
@@ -105,6 +112,7 @@ typedef struct ewa_scene ewa_scene;        /* data with the options that turn th
 typedef struct ewa_transfer ewa_transfer;  /* transfer function: values to colours and opacities */
 typedef struct ewa_camera ewa_camera;
 typedef struct ewa_renderer ewa_renderer;  /* scenes and the kernels made of them */
+typedef struct ewa_deep ewa_deep;          /* deep image: colours and opacities along the ray of each pixel */
 typedef struct ewa_task ewa_task;          /* progress and cancelling */
 
 /* The library's version, "0.1.0", and that of its interface: compare it with EWA_ABI_VERSION. */
@@ -188,6 +196,21 @@ void ewa_camera_free(ewa_camera *camera);
  * quick, for more memory. */
 ewa_status ewa_renderer_new(const ewa_scene *const *scenes, size_t scene_count, const char *options,
                             ewa_renderer **out);
+/* A renderer of data of which each rank of an MPI communicator holds a part. Every rank gives as many scenes, made by the same
+ * functions with the same options; a rank without data gives empty ones (no points, no cells, `dims` of 0). Scenes of one number
+ * are parts of each other:
+ * - Points are one data set, sampled as one process samples all, rank after rank. The ranks exchange neighbours: give no ghosts.
+ * - Cells are one mesh: give each cell on one rank, and the nodes of a face with the same coordinates on every rank that
+ *   has it. The ranks exchange ghost cells themselves. If kernels are cut at the boundary (option "boundary"), the parts are
+ *   data sets of their own.
+ * - Grids (regular, rectilinear, structured), and triangles, are data sets of their own, as several scenes of one process are,
+ *   which share the transfer function. Blocks that adjoin have the nodes of their common face on both ranks, and no cell
+ *   twice: then no seam shows (docs/c.md).
+ * `communicator`: its Fortran handle, MPI_Comm_c2f(comm). It stays the host's; the library uses a duplicate. MPI runs with
+ * MPI_THREAD_SERIALIZED, or the calling thread is the one that started it. The renderer is freed before MPI_Finalize. `options`:
+ * "backend" ("auto" and "cpu" are processors). Without MPI in the library: EWA_UNSUPPORTED. */
+ewa_status ewa_renderer_new_mpi(const ewa_scene *const *scenes, size_t scene_count, int32_t communicator,
+                                const char *options, ewa_renderer **out);
 void ewa_renderer_free(ewa_renderer *renderer);
 /* Replaces the values of the field that scene number `scene` shows, by as many others. The renderer does not sample the data
  * again if it keeps shapes. The scene's own handle keeps its values. `task` may be NULL. */
@@ -199,20 +222,44 @@ ewa_status ewa_renderer_adapter(const ewa_renderer *renderer, char *buffer, size
 
 /* Draws a picture to the caller's buffers; they keep their contents if it fails. `camera` and `task` may be NULL. `settings`:
  * "tolerance", "composite", "slab_thickness", "classify", "lit", "lights", "clip", "background", "legend", "low_pass", "filter",
- * "transfer_function", ... as in docs/python.md. */
+ * "transfer_function", ... as in docs/python.md. On ranks, the buffers of the first one count; others may pass NULL. */
 ewa_status ewa_render(ewa_renderer *renderer, const ewa_camera *camera, const char *settings, size_t width,
                       size_t height, const ewa_task *task, const ewa_buffers *buffers);
-/* As ewa_render, in front of what another renderer drew, and behind it. `background` may be NULL. */
+/* As ewa_render, in front of what another renderer drew, and behind it. `background` may be NULL; on ranks, that of the first one
+ * counts. */
 ewa_status ewa_render_over(ewa_renderer *renderer, const ewa_camera *camera, const char *settings, size_t width,
                            size_t height, const ewa_background *background, const ewa_task *task,
                            const ewa_buffers *buffers);
 /* Draws column densities to `count` (width times height) numbers of `type`, EWA_F32 or EWA_F64. `settings`: "of" (the quantity
  * that is summed, "mass" or a field), "mean" (the field whose mean along rays is drawn), "slice" (a coordinate along the
  * camera's axis), "tolerance", "filter", "low_pass", "cutoff", "clip". `pixel_area`: NULL, or receives a pixel's area; NAN under
- * perspective. */
+ * perspective. On ranks, `values` and `pixel_area` of the first one count, and there are no means. */
 ewa_status ewa_columns(ewa_renderer *renderer, const ewa_camera *camera, const char *settings, size_t width,
                        size_t height, const ewa_task *task, ewa_type type, void *values, size_t count,
                        double *pixel_area);
+
+/* Deep images: samples along the ray of each pixel, by which another renderer's picture is put into this one at any depth. Depths
+ * are along the view, world units. Settings as ewa_render's, but for backgrounds, legends, depths and normals. It takes ten to a
+ * hundred pictures, and one process. */
+ewa_status ewa_render_deep(ewa_renderer *renderer, const ewa_camera *camera, const char *settings, size_t width,
+                           size_t height, const ewa_task *task, ewa_deep **out);
+/* The number of samples of all pixels. */
+ewa_status ewa_deep_count(const ewa_deep *deep, size_t *count);
+/* Writes the number of samples of each pixel to `counts` (one for each pixel, rows from the top), and all samples, pixel by pixel,
+ * front to back: `front` and `back` (`count` depths each; equal for surfaces) and `rgba` (4 times as many, linear, premultiplied:
+ * what the sample shows by itself). NULL: not wanted. `count`: that of ewa_deep_count. */
+ewa_status ewa_deep_samples(const ewa_deep *deep, size_t *counts, float *front, float *back, float *rgba, size_t count);
+/* Writes the pixels (4 floats each) in front of `depth` (1 for each pixel), or with NULL all that lies along the rays. */
+ewa_status ewa_deep_before(const ewa_deep *deep, const float *depth, float *rgba, size_t pixel_count);
+/* Writes the share of light that reaches the eye from a depth, for each pixel. */
+ewa_status ewa_deep_transmittance(const ewa_deep *deep, float depth, float *values, size_t pixel_count);
+/* Writes a depth of each pixel, infinite where it is transparent. `kind`: "half", where half of the light from behind is lost;
+ * "entry" and "exit", where all but a 256th of the pixel's opacity lies behind and in front; "median", where half of it is
+ * reached; "mean", weighted by opacity. */
+ewa_status ewa_deep_depth(const ewa_deep *deep, const char *kind, float *values, size_t pixel_count);
+/* Writes a deep OpenEXR file (.exr) with the channels A, B, G, R, Z and ZBack. */
+ewa_status ewa_deep_write(const ewa_deep *deep, const char *path);
+void ewa_deep_free(ewa_deep *deep);
 
 #ifdef __cplusplus
 }

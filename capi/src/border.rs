@@ -11,11 +11,13 @@ use std::path::Path;
 use std::ptr::{self, null_mut};
 use std::sync::Arc;
 
-use ewa_splat::io::Association;
+#[cfg(feature = "mpi")]
+use ewa_splat::distributed::MpiRank;
+use ewa_splat::io::{Association, write_deep};
 use ewa_splat::sample::TransferChoice;
 use ewa_splat::session::{Drawable, Session, View, with_workers};
 use ewa_splat::view::Lens;
-use ewa_splat::{Progress, Task};
+use ewa_splat::{DeepImage, DepthImage, Progress, Task};
 use glam::{DMat3, DVec3};
 
 use super::arrays::Numbers;
@@ -787,6 +789,22 @@ pub(crate) unsafe extern "C" fn ewa_camera_free(camera: *mut Camera) {
     unsafe { freed(camera) }
 }
 
+/// Returns the scenes of an array of handles.
+///
+/// # Safety
+/// The pointer is null, or valid for reads of as many handles.
+unsafe fn handles(scenes: *const *const Scene, count: usize) -> Result<Vec<Arc<Drawable>>> {
+    if scenes.is_null() && count > 0 {
+        return Err(null("scenes"));
+    }
+    // SAFETY: as the caller guarantees; reads need no alignment.
+    let own = (0..count).map(|i| unsafe {
+        let scene = of(scenes.add(i).read_unaligned(), "scenes")?;
+        Ok(Arc::clone(&scene.0))
+    });
+    own.collect()
+}
+
 #[unsafe(no_mangle)]
 pub(crate) unsafe extern "C" fn ewa_renderer_new(
     scenes: *const *const Scene,
@@ -797,18 +815,55 @@ pub(crate) unsafe extern "C" fn ewa_renderer_new(
     // SAFETY: as the header demands.
     unsafe {
         made(out, || {
-            if scenes.is_null() && scene_count > 0 {
-                return Err(null("scenes"));
-            }
-            let own = (0..scene_count).map(|i| {
-                let scene = of(scenes.add(i).read_unaligned(), "scenes")?;
-                Ok(Arc::clone(&scene.0))
-            });
-            let own = own.collect::<Result<Vec<_>>>()?;
+            let own = handles(scenes, scene_count)?;
             let options = text(options, "options")?;
             pictures::renderer(own, options).map(Renderer)
         })
     }
+}
+
+#[cfg_attr(
+    not(feature = "mpi"),
+    expect(unused_variables, reason = "only MPI has communicators")
+)]
+#[unsafe(no_mangle)]
+pub(crate) unsafe extern "C" fn ewa_renderer_new_mpi(
+    scenes: *const *const Scene,
+    scene_count: usize,
+    communicator: i32,
+    options: *const c_char,
+    out: *mut *mut Renderer,
+) -> i32 {
+    if !out.is_null() {
+        // SAFETY: not null, and valid as the header demands.
+        unsafe { out.write(null_mut()) };
+    }
+    #[cfg(not(feature = "mpi"))]
+    return guarded(|| {
+        Err(Failure {
+            status: Status::Unsupported,
+            text: "ewa_renderer_new_mpi: expected a library with MPI, found one without; build it with --features mpi".into(),
+        })
+    });
+    // Null pointers and bad options are errors of this rank, of which the others are told.
+    #[cfg(feature = "mpi")]
+    guarded(|| {
+        // SAFETY: as the header demands.
+        let ranks = unsafe { MpiRank::of_fortran(communicator) }?;
+        let own = || {
+            if out.is_null() {
+                return Err(null("out"));
+            }
+            // SAFETY: as the header demands.
+            unsafe { Ok((handles(scenes, scene_count)?, text(options, "options")?)) }
+        };
+        let own = own();
+        let session = with_workers(|| pictures::shared(own, ranks))?;
+        let handle = Box::into_raw(Box::new(Renderer(session)));
+        // SAFETY: not null, and valid as the header demands.
+        unsafe { out.write(handle) };
+        Ok(())
+    })
 }
 
 #[unsafe(no_mangle)]
@@ -827,10 +882,14 @@ pub(crate) unsafe extern "C" fn ewa_renderer_set_values(
     guarded(|| {
         // SAFETY: as the header demands.
         let (renderer, values, task) = unsafe {
-            let renderer = of(renderer, "renderer")?;
-            (renderer, array(values, "values")?, task_of(task))
+            (
+                of(renderer, "renderer")?,
+                array(values, "values"),
+                task_of(task),
+            )
         };
-        let values = values.values("values")?;
+        let values = values.and_then(|values| values.values("values"));
+        let values = renderer.0.agreed("ewa_renderer_set_values", values)?;
         with_workers(|| renderer.0.set_values(scene, values, &task))?;
         Ok(())
     })
@@ -845,8 +904,8 @@ pub(crate) unsafe extern "C" fn ewa_renderer_set_transfer(
         // SAFETY: as the header demands.
         let (renderer, transfer) = unsafe { (of(renderer, "renderer")?, transfer.as_ref()) };
         let choice = transfer.map(|transfer| transfer.0.clone());
-        with_workers(|| renderer.0.lock(&Task::new())?.set_transfer(choice))?;
-        Ok(())
+        let set = with_workers(|| renderer.0.lock(&Task::new())?.set_transfer(choice));
+        Ok(renderer.0.agreed("ewa_renderer_set_transfer", set)?)
     })
 }
 
@@ -908,66 +967,46 @@ pub(crate) unsafe extern "C" fn ewa_render_over(
 ) -> i32 {
     guarded(|| {
         // SAFETY: as the header demands.
-        let (renderer, camera, settings, task, own, background) = unsafe {
-            (
-                of(renderer, "renderer")?,
-                camera.as_ref(),
-                text(settings, "settings")?,
-                task_of(task),
-                of(buffers, "buffers")?,
-                background.as_ref(),
-            )
+        let session = unsafe { &of(renderer, "renderer")?.0 };
+        let is_first = session.is_first();
+        let size = [width, height];
+        let given = || -> Result<_> {
+            // SAFETY: as the header demands.
+            let (camera, settings, own, background) = unsafe {
+                (
+                    camera.as_ref(),
+                    text(settings, "settings")?,
+                    // Only the first of several ranks has buffers and a background.
+                    is_first.then(|| of(buffers, "buffers")).transpose()?,
+                    background.as_ref().filter(|_| is_first),
+                )
+            };
+            // SAFETY: as the header demands.
+            let behind = background.map(|own| unsafe { behind(own, size) });
+            let wanted = own.map_or(Ok([false; 4]), |own| wanted(own, size))?;
+            Ok((camera, settings, own, behind.transpose()?, wanted))
         };
+        let (camera, settings, own, behind, wanted) = session.agreed("ewa_render", given())?;
+        let [_, is_encoded, with_depth, with_normals] = session.of_first(wanted)?;
         // SAFETY: as the header demands.
-        let [depth, colours] = match background {
-            Some(own) => unsafe {
-                let pixels = |per_pixel| counted(width, height, per_pixel);
-                [
-                    floats(
-                        own.depth,
-                        own.depth_count,
-                        pixels(1),
-                        "depth of the background",
-                    )?,
-                    floats(
-                        own.rgba,
-                        own.rgba_count,
-                        pixels(4),
-                        "rgba of the background",
-                    )?,
-                ]
-            },
-            None => [None, None],
-        };
-        let room = |per_pixel| counted(width, height, per_pixel);
-        let is_wanted = [
-            roomy(own.rgba, own.rgba_count, room(4), "rgba")?,
-            roomy(own.rgba8, own.rgba8_count, room(4), "rgba8")?,
-            roomy(own.depth, own.depth_count, room(1), "depth")?,
-            roomy(own.normals, own.normals_count, room(3), "normals")?,
-        ];
-        if !is_wanted.contains(&true) {
-            return Err(Failure::invalid(
-                "buffers: expected one or more, found none",
-            ));
-        }
-        let [_, is_encoded, with_depth, with_normals] = is_wanted;
+        let task = unsafe { task_of(task) };
         let (drawn, bytes) = with_workers(|| {
             let view = camera.map(|camera| &camera.0);
-            let wanted = [with_depth, with_normals];
-            let (size, session) = ([width, height], &renderer.0);
             let drawn = pictures::render(
                 session,
                 view,
                 size,
                 settings,
-                [depth, colours],
-                wanted,
+                behind.unwrap_or_default(),
+                [with_depth, with_normals],
                 &task,
             )?;
-            let bytes = is_encoded.then(|| drawn.image.to_srgb8());
+            let bytes = (is_encoded && is_first).then(|| drawn.image.to_srgb8());
             Ok::<_, Failure>((drawn, bytes.unwrap_or_default()))
         })?;
+        let Some(own) = own else {
+            return Ok(());
+        };
         let missing = |name: &str| {
             Failure::invalid(format!(
                 "{name}: expected a picture that has them, found another"
@@ -993,6 +1032,206 @@ pub(crate) unsafe extern "C" fn ewa_render_over(
     })
 }
 
+/// Copies the depths and the colours of a background.
+///
+/// # Safety
+/// As the header demands of backgrounds.
+unsafe fn behind(own: &Background, [width, height]: [usize; 2]) -> Result<[Option<Vec<f32>>; 2]> {
+    let pixels = |per_pixel| counted(width, height, per_pixel);
+    let (depth, rgba) = ("depth of the background", "rgba of the background");
+    // SAFETY: as the caller guarantees.
+    unsafe {
+        Ok([
+            floats(own.depth, own.depth_count, pixels(1), depth)?,
+            floats(own.rgba, own.rgba_count, pixels(4), rgba)?,
+        ])
+    }
+}
+
+/// Returns which buffers the caller gives, each with room for a picture: colours, codes, depths, normals.
+fn wanted(own: &Buffers, [width, height]: [usize; 2]) -> Result<[bool; 4]> {
+    let room = |per_pixel| counted(width, height, per_pixel);
+    let is_wanted = [
+        roomy(own.rgba, own.rgba_count, room(4), "rgba")?,
+        roomy(own.rgba8, own.rgba8_count, room(4), "rgba8")?,
+        roomy(own.depth, own.depth_count, room(1), "depth")?,
+        roomy(own.normals, own.normals_count, room(3), "normals")?,
+    ];
+    match is_wanted.contains(&true) {
+        true => Ok(is_wanted),
+        false => Err(Failure::invalid(
+            "buffers: expected one or more, found none",
+        )),
+    }
+}
+
+#[unsafe(no_mangle)]
+pub(crate) unsafe extern "C" fn ewa_render_deep(
+    renderer: *const Renderer,
+    camera: *const Camera,
+    settings: *const c_char,
+    width: usize,
+    height: usize,
+    task: *const Task,
+    out: *mut *mut DeepImage,
+) -> i32 {
+    // SAFETY: as the header demands.
+    unsafe {
+        made(out, || {
+            let (renderer, camera) = (of(renderer, "renderer")?, camera.as_ref());
+            let (settings, task) = (text(settings, "settings")?, task_of(task));
+            with_workers(|| {
+                let view = camera.map(|camera| &camera.0);
+                pictures::deep(&renderer.0, view, [width, height], settings, &task)
+            })
+        })
+    }
+}
+
+#[unsafe(no_mangle)]
+pub(crate) unsafe extern "C" fn ewa_deep_free(deep: *mut DeepImage) {
+    // SAFETY: as the header demands.
+    unsafe { freed(deep) }
+}
+
+#[unsafe(no_mangle)]
+pub(crate) unsafe extern "C" fn ewa_deep_count(deep: *const DeepImage, count: *mut usize) -> i32 {
+    guarded(|| {
+        // SAFETY: as the header demands.
+        let deep = unsafe { of(deep, "deep") }?;
+        if count.is_null() {
+            return Err(null("count"));
+        }
+        // SAFETY: not null, and valid as the header demands.
+        unsafe { filled(count, &[deep.samples.len()]) };
+        Ok(())
+    })
+}
+
+#[unsafe(no_mangle)]
+pub(crate) unsafe extern "C" fn ewa_deep_samples(
+    deep: *const DeepImage,
+    counts: *mut usize,
+    front: *mut f32,
+    back: *mut f32,
+    rgba: *mut f32,
+    count: usize,
+) -> i32 {
+    guarded(|| {
+        // SAFETY: as the header demands.
+        let deep = unsafe { of(deep, "deep") }?;
+        if count != deep.samples.len() {
+            let expected = deep.samples.len();
+            let text = format!("count: expected {expected}, that of ewa_deep_count, found {count}");
+            return Err(Failure::invalid(text));
+        }
+        let samples = &deep.samples;
+        let own_counts: Vec<usize> = deep.firsts.windows(2).map(|p| p[1] - p[0]).collect();
+        let fronts: Vec<f32> = samples.iter().map(|sample| sample.front).collect();
+        let backs: Vec<f32> = samples.iter().map(|sample| sample.back).collect();
+        let colours: Vec<f32> = samples.iter().flat_map(|sample| sample.rgba).collect();
+        // SAFETY: each buffer that is not null has room for as many numbers, as the header demands.
+        unsafe {
+            filled(counts, &own_counts);
+            filled(front, &fronts);
+            filled(back, &backs);
+            filled(rgba, &colours);
+        }
+        Ok(())
+    })
+}
+
+#[unsafe(no_mangle)]
+pub(crate) unsafe extern "C" fn ewa_deep_before(
+    deep: *const DeepImage,
+    depth: *const f32,
+    rgba: *mut f32,
+    pixel_count: usize,
+) -> i32 {
+    guarded(|| {
+        // SAFETY: as the header demands.
+        let deep = unsafe { of(deep, "deep") }?;
+        let [width, height] = [deep.width, deep.height];
+        pixels_of(deep, rgba, pixel_count, "rgba")?;
+        let count = if depth.is_null() { 0 } else { pixel_count };
+        // SAFETY: as the header demands.
+        let depths = unsafe { floats(depth, count, width * height, "depth") }?;
+        let image = match depths {
+            None => deep.flat(),
+            Some(depths) => {
+                let depth = DepthImage {
+                    width,
+                    height,
+                    depths,
+                };
+                let image = deep.before(&depth);
+                image.ok_or_else(|| Failure::invalid("depth: expected a number for each pixel"))?
+            }
+        };
+        // SAFETY: the buffer has room for four numbers for each pixel.
+        unsafe { filled(rgba, image.pixels.as_flattened()) };
+        Ok(())
+    })
+}
+
+#[unsafe(no_mangle)]
+pub(crate) unsafe extern "C" fn ewa_deep_transmittance(
+    deep: *const DeepImage,
+    depth: f32,
+    values: *mut f32,
+    pixel_count: usize,
+) -> i32 {
+    guarded(|| {
+        // SAFETY: as the header demands.
+        let deep = unsafe { of(deep, "deep") }?;
+        pixels_of(deep, values, pixel_count, "values")?;
+        // SAFETY: the buffer has room for a number for each pixel.
+        unsafe { filled(values, &deep.transmittance(depth)) };
+        Ok(())
+    })
+}
+
+#[unsafe(no_mangle)]
+pub(crate) unsafe extern "C" fn ewa_deep_depth(
+    deep: *const DeepImage,
+    kind: *const c_char,
+    values: *mut f32,
+    pixel_count: usize,
+) -> i32 {
+    guarded(|| {
+        // SAFETY: as the header demands.
+        let (deep, kind) = unsafe { (of(deep, "deep")?, words(kind, "kind")?) };
+        pixels_of(deep, values, pixel_count, "values")?;
+        let depths = pictures::depths(deep, kind)?;
+        // SAFETY: the buffer has room for a number for each pixel.
+        unsafe { filled(values, &depths) };
+        Ok(())
+    })
+}
+
+#[unsafe(no_mangle)]
+pub(crate) unsafe extern "C" fn ewa_deep_write(deep: *const DeepImage, path: *const c_char) -> i32 {
+    guarded(|| {
+        // SAFETY: as the header demands.
+        let (deep, path) = unsafe { (of(deep, "deep")?, words(path, "path")?) };
+        with_workers(|| write_deep(Path::new(path), deep))?;
+        Ok(())
+    })
+}
+
+/// Checks that a caller gives a buffer and the number of pixels of a deep image.
+fn pixels_of<T>(deep: &DeepImage, buffer: *mut T, count: usize, name: &str) -> Result<()> {
+    if buffer.is_null() {
+        return Err(null(name));
+    }
+    let expected = deep.width * deep.height;
+    if count != expected {
+        let text = format!("pixel_count: expected {expected}, found {count}");
+        return Err(Failure::invalid(text));
+    }
+    Ok(())
+}
+
 #[unsafe(no_mangle)]
 pub(crate) unsafe extern "C" fn ewa_columns(
     renderer: *const Renderer,
@@ -1008,25 +1247,31 @@ pub(crate) unsafe extern "C" fn ewa_columns(
 ) -> i32 {
     guarded(|| {
         // SAFETY: as the header demands.
-        let (renderer, camera, settings, task) = unsafe {
-            (
-                of(renderer, "renderer")?,
-                camera.as_ref(),
-                text(settings, "settings")?,
-                task_of(task),
-            )
+        let session = unsafe { &of(renderer, "renderer")?.0 };
+        let is_first = session.is_first();
+        let given = || -> Result<_> {
+            // SAFETY: as the header demands.
+            let (camera, settings) = unsafe { (camera.as_ref(), text(settings, "settings")?) };
+            // Only the first of several ranks has a buffer.
+            if is_first && !roomy(values, count, counted(width, height, 1), "values")? {
+                return Err(null("values"));
+            }
+            if ![0, 1].contains(&kind) {
+                let text = format!("type: expected EWA_F32 or EWA_F64, found {kind}");
+                return Err(Failure::invalid(text));
+            }
+            Ok((camera, settings))
         };
-        if !roomy(values, count, counted(width, height, 1), "values")? {
-            return Err(null("values"));
-        }
-        if ![0, 1].contains(&kind) {
-            let text = format!("type: expected EWA_F32 or EWA_F64, found {kind}");
-            return Err(Failure::invalid(text));
-        }
+        let (camera, settings) = session.agreed("ewa_columns", given())?;
+        // SAFETY: as the header demands.
+        let task = unsafe { task_of(task) };
         let drawn = with_workers(|| {
             let view = camera.map(|camera| &camera.0);
-            pictures::columns(&renderer.0, view, [width, height], settings, &task)
+            pictures::columns(session, view, [width, height], settings, &task)
         })?;
+        if !is_first {
+            return Ok(());
+        }
         // SAFETY: the buffer has room for as many numbers of this type, and the area for one.
         unsafe {
             let column = &drawn.column;

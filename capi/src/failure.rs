@@ -2,6 +2,7 @@
 
 use std::cell::RefCell;
 use std::ffi::{CString, c_char};
+use std::fmt;
 
 use ewa_splat::Error;
 
@@ -19,6 +20,7 @@ pub(crate) enum Status {
     Unsupported = 7,
     Cancelled = 8,
     Internal = 9,
+    OtherRank = 10,
 }
 
 /// Failure of a call.
@@ -38,6 +40,12 @@ impl Failure {
     }
 }
 
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.text)
+    }
+}
+
 impl From<Error> for Failure {
     fn from(error: Error) -> Self {
         let status = match error {
@@ -48,6 +56,7 @@ impl From<Error> for Failure {
             Error::DeviceLost { .. } => Status::DeviceLost,
             Error::Unsupported { .. } => Status::Unsupported,
             Error::Cancelled => Status::Cancelled,
+            Error::OfRank { .. } => Status::OtherRank,
             _ => Status::Invalid,
         };
         Self {

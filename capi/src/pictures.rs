@@ -2,11 +2,14 @@
 
 use std::sync::Arc;
 
+#[cfg(feature = "mpi")]
+use ewa_splat::distributed::Collective;
+use ewa_splat::image::DepthOf;
 use ewa_splat::session::{
-    Arguments, ColumnRequest, Drawable, DrawnColumn, DrawnPicture, PictureRequest, Session, View,
-    check_size, choice, drawing,
+    Arguments, ColumnRequest, Drawable, Drawing, DrawnColumn, DrawnPicture, PictureRequest,
+    Session, View, check_size, choice, drawing,
 };
-use ewa_splat::{Backend, DepthImage, Image, Task};
+use ewa_splat::{Backend, DeepImage, DepthImage, Image, Task};
 
 use super::failure::{Failure, Result};
 use super::settings::Said;
@@ -23,8 +26,37 @@ const COLUMN_SETTINGS: [&str; 8] = [
     "tolerance",
 ];
 
+/// Settings that deep images leave out.
+const NOT_DEEP: [&str; 4] = ["background", "depth", "legend", "normals"];
+
 /// Makes a renderer of scenes.
 pub(crate) fn renderer(scenes: Vec<Arc<Drawable>>, text: Option<&str>) -> Result<Session> {
+    let (backend, keep_shapes) = choices(&scenes, text)?;
+    Ok(Session::new(scenes, backend, keep_shapes))
+}
+
+/// Makes a renderer of scenes of which each rank gives a part.
+///
+/// - `own`: this rank's scenes and options, if they could be read.
+#[cfg(feature = "mpi")]
+pub(crate) fn shared(
+    own: Result<(Vec<Arc<Drawable>>, Option<&str>)>,
+    communicator: impl Collective + 'static,
+) -> Result<Session> {
+    let own = own.and_then(|(scenes, text)| match choices(&scenes, text)? {
+        (Backend::Gpu, _) => Err(Failure::invalid(
+            "backend: expected cpu, on which ranks draw, found gpu",
+        )),
+        (_, true) => Err(Failure::invalid(
+            "keep_shapes: expected false for data that ranks share, found true",
+        )),
+        _ => Ok(scenes),
+    });
+    Session::over_ranks(own, communicator)
+}
+
+/// Returns the options of a renderer.
+fn choices(scenes: &[Arc<Drawable>], text: Option<&str>) -> Result<(Backend, bool)> {
     if scenes.is_empty() {
         return Err(Failure::invalid("scenes: expected one or more, found none"));
     }
@@ -36,7 +68,7 @@ pub(crate) fn renderer(scenes: Vec<Arc<Drawable>>, text: Option<&str>) -> Result
         ];
         let backend = choice(said, "backend", &backends)?.unwrap_or(Backend::Auto);
         let keep_shapes = said.flag("keep_shapes")?.unwrap_or(false);
-        Ok(Session::new(scenes, backend, keep_shapes))
+        Ok((backend, keep_shapes))
     })
 }
 
@@ -48,16 +80,33 @@ fn checked(size: [usize; 2]) -> Result<()> {
 /// Draws a picture.
 ///
 /// - `behind`: depths and colours of a background, of the picture's size.
-/// - `wanted`: whether the caller has room for depths, and for normals.
+/// - `wanted`: whether the caller has room for depths, and for normals; on ranks, whether the first one has.
 pub(crate) fn render(
     session: &Session,
     view: Option<&View>,
     size: [usize; 2],
     text: Option<&str>,
-    [depth, colours]: [Option<Vec<f32>>; 2],
+    behind: [Option<Vec<f32>>; 2],
     wanted: [bool; 2],
     task: &Task,
 ) -> Result<DrawnPicture> {
+    let drawing = picture(size, text, behind, wanted);
+    let request = PictureRequest {
+        view,
+        size,
+        drawing: &session.agreed("ewa_render", drawing)?,
+    };
+    let (drawn, ()) = session.render(request, task, |_, _, _, _| Ok(()))?;
+    Ok(drawn)
+}
+
+/// Returns the settings of a picture.
+fn picture(
+    size: [usize; 2],
+    text: Option<&str>,
+    [depth, colours]: [Option<Vec<f32>>; 2],
+    wanted: [bool; 2],
+) -> Result<Drawing> {
     checked(size)?;
     let mut drawing = Said::all(text, drawing)?;
     let [width, height] = size;
@@ -83,13 +132,51 @@ pub(crate) fn render(
         }
         *asked = wanted;
     }
+    Ok(drawing)
+}
+
+/// Draws a deep image.
+pub(crate) fn deep(
+    session: &Session,
+    view: Option<&View>,
+    size: [usize; 2],
+    text: Option<&str>,
+    task: &Task,
+) -> Result<DeepImage> {
+    checked(size)?;
+    let drawing = Said::all(text, |said| {
+        for name in NOT_DEEP {
+            if said.has(name) {
+                return Err(Failure::invalid(format!(
+                    "{name}: deep images have no such setting"
+                )));
+            }
+        }
+        drawing(said)
+    })?;
     let request = PictureRequest {
         view,
         size,
         drawing: &drawing,
     };
-    let (drawn, ()) = session.render(request, task, |_, _, _, _| Ok(()))?;
-    Ok(drawn)
+    Ok(session.render_deep(request, task)?.0)
+}
+
+/// Returns a depth of each pixel of a deep image.
+pub(crate) fn depths(deep: &DeepImage, of: &str) -> Result<Vec<f32>> {
+    let names = [
+        ("half", DepthOf::Half),
+        ("entry", DepthOf::Entry),
+        ("exit", DepthOf::Exit),
+        ("median", DepthOf::Median),
+        ("mean", DepthOf::Mean),
+    ];
+    match names.iter().find(|(name, _)| *name == of) {
+        Some((_, of)) => Ok(deep.depth(*of).depths),
+        None => Err(Failure::invalid(format!(
+            "of: expected half, entry, exit, median or mean, found {of}"
+        ))),
+    }
 }
 
 /// Draws a column density, or a mean along rays.
@@ -100,12 +187,14 @@ pub(crate) fn columns(
     text: Option<&str>,
     task: &Task,
 ) -> Result<DrawnColumn> {
-    checked(size)?;
-    let (of, mean, slice, drawing) = Said::all(text, |said| {
-        said.only(&COLUMN_SETTINGS)?;
-        let (of, mean) = (said.text("of")?, said.text("mean")?);
-        Ok((of, mean, said.float("slice")?, drawing(said)?))
-    })?;
+    let said = checked(size).and_then(|()| {
+        Said::all(text, |said| {
+            said.only(&COLUMN_SETTINGS)?;
+            let (of, mean) = (said.text("of")?, said.text("mean")?);
+            Ok((of, mean, said.float("slice")?, drawing(said)?))
+        })
+    });
+    let (of, mean, slice, drawing) = session.agreed("ewa_columns", said)?;
     let request = ColumnRequest {
         view,
         size,

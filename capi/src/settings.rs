@@ -94,6 +94,11 @@ impl Said {
         }
     }
 
+    /// Returns true if a setting of this name is left.
+    pub(crate) fn has(&self, name: &str) -> bool {
+        self.left.iter().any(|(own, _)| own == name)
+    }
+
     /// Refuses settings of other names.
     pub(crate) fn only(&self, names: &[&'static str]) -> Result<()> {
         let other = self

@@ -8,7 +8,8 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;
 
-use ewa_splat::io::{Association, CellMesh, Dataset, Field, FieldSource, Geometry};
+use ewa_splat::image::DepthOf;
+use ewa_splat::io::{Association, CellMesh, Dataset, Field, FieldSource, Geometry, write_deep};
 use ewa_splat::render::Backdrop;
 use ewa_splat::sample::{
     BoundaryChoice, FunctionOptions, KernelOptions, PurposeOptions, SampleOptions, TransferChoice,
@@ -67,9 +68,16 @@ fn compiled(compiler: &OsString, source: &str, words: &[&str], folder: &Path) ->
 
 /// Runs a program of C in a folder of its own. It returns the file that the program writes.
 fn run_c(source: &str) -> Option<Vec<u8>> {
-    let compiler = std::env::var_os("CC").unwrap_or_else(|| "cc".into());
-    let words = ["-std=c11", "-Wall", "-Wextra", "-Werror", "-pedantic"];
+    let (compiler, words) = compiler_of_c();
     run(&compiler, source, &words)
+}
+
+fn compiler_of_c() -> (OsString, [&'static str; 5]) {
+    let compiler = std::env::var_os("CC").unwrap_or_else(|| "cc".into());
+    (
+        compiler,
+        ["-std=c11", "-Wall", "-Wextra", "-Werror", "-pedantic"],
+    )
 }
 
 fn run(compiler: &OsString, source: &str, words: &[&str]) -> Option<Vec<u8>> {
@@ -144,11 +152,8 @@ fn settings(renderer: &Renderer) -> Settings {
     }
 }
 
-#[test]
-fn particles_are_those_of_the_library() {
-    let Some(found) = run_c("examples/points.c") else {
-        return;
-    };
+/// Returns a renderer of the particles that the programs of C draw.
+fn particles(count: u16) -> Renderer {
     let of =
         |i: u64, prime: u64, count: u32| (i * prime % u64::from(count)) as f64 / f64::from(count);
     let place = |i| {
@@ -158,11 +163,21 @@ fn particles_are_those_of_the_library() {
             of(i, 1_299_709, 991),
         )
     };
-    let positions = (0..500).map(place).collect();
-    let radii: Vec<f64> = (0..500).map(|i| 0.02 + f64::from(i % 5) / 100.0).collect();
-    let values: Vec<f32> = (0..500_u16).map(|i| f32::from(i % 32)).collect();
+    let positions = (0..u64::from(count)).map(place).collect();
+    let radii: Vec<f64> = (0..count)
+        .map(|i| 0.02 + f64::from(i % 5) / 100.0)
+        .collect();
+    let values: Vec<f32> = (0..count).map(|i| f32::from(i % 32)).collect();
     let fields = vec![field("radius", radii), field("pressure", values)];
-    let mut renderer = renderer(Geometry::Points { positions }, fields, &options("pressure"));
+    renderer(Geometry::Points { positions }, fields, &options("pressure"))
+}
+
+#[test]
+fn particles_are_those_of_the_library() {
+    let Some(found) = run_c("examples/points.c") else {
+        return;
+    };
+    let mut renderer = particles(500);
     let eye = DVec3::new(2.0, -3.0, 2.0);
     let camera = Camera::perspective(eye, DVec3::splat(0.5), DVec3::Z, 35.0, [96, 72]);
     let settings = Settings {
@@ -342,6 +357,66 @@ fn fortran_draws_what_the_library_draws() {
     };
     let image = renderer.render(&camera.unwrap(), &settings).unwrap();
     assert!(found == bytes(image.pixels.as_flattened()));
+}
+
+#[test]
+fn deep_images_are_those_of_the_library() {
+    let Some(found) = run_deep() else {
+        return;
+    };
+    let mut renderer = particles(500);
+    let eye = DVec3::new(2.0, -3.0, 2.0);
+    let camera = Camera::perspective(eye, DVec3::splat(0.5), DVec3::Z, 35.0, [48, 36]);
+    let settings = Settings {
+        tolerance: 0.01,
+        ..settings(&renderer)
+    };
+    let deep = renderer.render_deep(&camera, &settings).unwrap();
+    let counts = deep.firsts.windows(2).map(|pair| pair[1] - pair[0]);
+    let mut expected: Vec<u8> = counts.flat_map(usize::to_ne_bytes).collect();
+    let samples = &deep.samples;
+    assert!(samples.len() > 48 * 36);
+    expected.extend(bytes(
+        &samples.iter().map(|own| own.front).collect::<Vec<_>>(),
+    ));
+    expected.extend(bytes(
+        &samples.iter().map(|own| own.back).collect::<Vec<_>>(),
+    ));
+    expected.extend(bytes(
+        &samples.iter().flat_map(|own| own.rgba).collect::<Vec<_>>(),
+    ));
+    let (width, height) = (48, 36);
+    let depth = |i: usize| if i % 48 < 24 { 3.2 } else { f32::INFINITY };
+    let wall = DepthImage {
+        width,
+        height,
+        depths: (0..width * height).map(depth).collect(),
+    };
+    expected.extend(bytes(deep.before(&wall).unwrap().pixels.as_flattened()));
+    expected.extend(bytes(&deep.transmittance(3.5)));
+    for of in [DepthOf::Half, DepthOf::Entry, DepthOf::Exit, DepthOf::Mean] {
+        expected.extend(bytes(&deep.depth(of).depths));
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("deep.exr");
+    write_deep(&path, &deep).unwrap();
+    assert!(found == [std::fs::read(path).unwrap(), expected]);
+}
+
+/// Runs the program of deep images. It returns the file of OpenEXR and the other one.
+fn run_deep() -> Option<[Vec<u8>; 2]> {
+    if !cfg!(target_os = "linux") {
+        println!("programs are linked on Linux alone: skipped");
+        return None;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let (compiler, words) = compiler_of_c();
+    let program = compiled(&compiler, "examples/deep.c", &words, folder.path())?;
+    let paths = ["deep.exr", "numbers"].map(|name| folder.path().join(name));
+    let done = Command::new(program).args(&paths).output().unwrap();
+    let text = [done.stdout, done.stderr].concat();
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&text));
+    Some(paths.map(|path| std::fs::read(path).unwrap()))
 }
 
 #[test]

@@ -34,6 +34,7 @@ int main(void) {
     const size_t row = 3 * sizeof(float), far = (size_t)-1;
     const ewa_points points = {places, places + 1, places + 2, 4, row, EWA_F32};
     const ewa_array field = {"v", values, 4, 0, EWA_F32};
+    double corner[3];
     ewa_scene *scene = NULL, *none = (ewa_scene *)1;
 
     GOOD(ewa_abi_version() == EWA_ABI_VERSION ? EWA_OK : EWA_INVALID);
@@ -84,6 +85,28 @@ int main(void) {
     corners[3] = 3;
     GOOD(ewa_scene_cells(&points, &types, &offsets, &connectivity, &field, EWA_NODES, NULL, &scene));
     ewa_scene_free(scene);
+
+    /* What holds nothing, as on some ranks, is a scene; alone it cannot be drawn. */
+    const ewa_points no_points = {NULL, NULL, NULL, 0, 0, EWA_F64};
+    const ewa_array nothing = {"v", NULL, 0, 0, EWA_F32}, no_types = {NULL, NULL, 0, 0, EWA_U8};
+    const ewa_array no_offsets = {NULL, starts, 1, 0, EWA_I32}, no_corners = {NULL, NULL, 0, 0, EWA_I32};
+    const size_t no_dims[] = {0, 0, 0};
+    ewa_scene *empty_scenes[4] = {NULL};
+    GOOD(ewa_scene_points(&no_points, &nothing, 1, NULL, &empty_scenes[0]));
+    GOOD(ewa_scene_cells(&no_points, &no_types, &no_offsets, &no_corners, &nothing, EWA_NODES, NULL, &empty_scenes[1]));
+    GOOD(ewa_scene_grid(no_dims, NULL, NULL, NULL, &nothing, EWA_NODES, NULL, &empty_scenes[2]));
+    GOOD(ewa_scene_structured(no_dims, &no_points, &nothing, EWA_CELLS, NULL, &empty_scenes[3]));
+    for (int i = 0; i < 4; i++) {
+        const ewa_scene *alone[] = {empty_scenes[i]};
+        ewa_renderer *of_nothing = NULL;
+        float pixel[4];
+        const ewa_buffers small_ones = {.rgba = pixel, .rgba_count = 4};
+        GOOD(ewa_renderer_new(alone, 1, "{\"backend\": \"cpu\"}", &of_nothing));
+        FAILS(ewa_render(of_nothing, NULL, NULL, 1, 1, NULL, &small_ones), EWA_FORMAT, "");
+        INVALID(ewa_scene_bounds(alone[0], corner, corner), "none");
+        ewa_renderer_free(of_nothing);
+        ewa_scene_free(empty_scenes[i]);
+    }
 
     INVALID(ewa_scene_mesh(&points, &connectivity, NULL, NULL, 0, NULL, &none), "three");
     const ewa_array triangle = {NULL, corners, 3, 0, EWA_I32};
@@ -157,7 +180,7 @@ int main(void) {
     FAILS(ewa_columns(renderer, NULL, "{\"of\": \"w\"}", 8, 8, NULL, EWA_F32, depth, 64, NULL), EWA_FORMAT, "`w`");
     GOOD(ewa_columns(renderer, NULL, "{\"of\": \"v\"}", 8, 8, NULL, EWA_F32, depth, 64, NULL));
 
-    INVALID(ewa_renderer_set_values(renderer, 1, &field, NULL), "thing");
+    INVALID(ewa_renderer_set_values(renderer, 1, &field, NULL), "scene");
     INVALID(ewa_renderer_set_values(renderer, 0, &few, NULL), "4");
     GOOD(ewa_renderer_set_values(renderer, 0, &field, NULL));
     GOOD(ewa_renderer_set_transfer(renderer, transfer));
@@ -173,6 +196,39 @@ int main(void) {
     FAILS(ewa_render(renderer, camera, NULL, 8, 8, task, &good), EWA_CANCELLED, "cancelled");
     GOOD(ewa_render(renderer, camera, NULL, 8, 8, NULL, &good));
     INVALID(ewa_task_cancel(NULL), "task");
+
+    ewa_deep *deep = NULL, *no_deep = (ewa_deep *)1;
+    size_t sample_count = 0;
+    float pixels[4 * 64];
+    INVALID(ewa_render_deep(NULL, NULL, NULL, 8, 8, NULL, &no_deep), "renderer");
+    GOOD(no_deep ? EWA_INVALID : EWA_OK);
+    INVALID(ewa_render_deep(renderer, camera, NULL, 8, 8, NULL, NULL), "out");
+    INVALID(ewa_render_deep(renderer, camera, NULL, 0, 8, NULL, &no_deep), "size");
+    INVALID(ewa_render_deep(renderer, camera, "{\"legend\": true}", 8, 8, NULL, &no_deep), "deep images");
+    INVALID(ewa_render_deep(renderer, camera, "{\"composite\": \"maximum\"}", 8, 8, NULL, &no_deep), "maximum");
+    FAILS(ewa_render_deep(renderer, camera, NULL, 8, 8, task, &no_deep), EWA_CANCELLED, "cancelled");
+    GOOD(ewa_render_deep(renderer, camera, NULL, 8, 8, NULL, &deep));
+    INVALID(ewa_deep_count(NULL, &sample_count), "deep");
+    INVALID(ewa_deep_count(deep, NULL), "count");
+    GOOD(ewa_deep_count(deep, &sample_count));
+    INVALID(ewa_deep_samples(deep, NULL, NULL, NULL, NULL, sample_count + 1), "count");
+    GOOD(ewa_deep_samples(deep, NULL, NULL, NULL, NULL, sample_count));
+    INVALID(ewa_deep_before(deep, NULL, pixels, 63), "expected 64");
+    INVALID(ewa_deep_before(deep, NULL, NULL, 64), "rgba");
+    GOOD(ewa_deep_before(deep, NULL, pixels, 64));
+    INVALID(ewa_deep_transmittance(deep, 1, pixels, 65), "expected 64");
+    GOOD(ewa_deep_transmittance(deep, NAN, pixels, 64));
+    INVALID(ewa_deep_depth(deep, "middle", pixels, 64), "median");
+    INVALID(ewa_deep_depth(deep, NULL, pixels, 64), "kind");
+    GOOD(ewa_deep_depth(deep, "median", pixels, 64));
+    INVALID(ewa_deep_write(deep, NULL), "path");
+    FAILS(ewa_deep_write(deep, "/nowhere/deep.exr"), EWA_FORMAT, "/nowhere");
+    FAILS(ewa_deep_write(deep, "deep.png"), EWA_FORMAT, "exr");
+    ewa_deep_free(deep);
+    ewa_deep_free(NULL);
+    ewa_renderer *shared = (ewa_renderer *)1;
+    FAILS(ewa_renderer_new_mpi(NULL, 0, 0, NULL, &shared), EWA_UNSUPPORTED, "--features mpi");
+    GOOD(shared ? EWA_INVALID : EWA_OK);
 
     ewa_task_free(task);
     ewa_renderer_free(renderer);

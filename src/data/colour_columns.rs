@@ -10,6 +10,8 @@
 //! 8 and 16 bits; those of 16 bits that do not exceed 255 count as bytes. For other types it is 1, or 255 if the greatest
 //! number exceeds 1, or 65535 if it exceeds 255. Three columns of a set are a colour; one or two are numbers like any other.
 
+use serde::{Deserialize, Serialize};
+
 use crate::image::{linear_from_srgb, srgb_from_linear};
 use crate::math::narrowed;
 use crate::scene::Values;
@@ -55,7 +57,7 @@ pub(crate) fn colour_sets<T>(
 }
 
 /// Properties of the numbers of a colour, over all of its columns, that decide their scale.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(crate) struct ColourNumbers {
     /// Greatest finite number.
     greatest: f32,

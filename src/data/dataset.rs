@@ -228,6 +228,7 @@ impl Dataset {
     /// none.
     pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
         match &self.geometry {
+            Geometry::Lattice(lattice) if lattice.dims.contains(&0) => None,
             Geometry::Lattice(lattice) => {
                 let last = lattice.dims.map(|n| n.saturating_sub(1));
                 let end = |i: usize, axis: usize| if i >> axis & 1 == 0 { 0 } else { last[axis] };

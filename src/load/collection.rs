@@ -22,7 +22,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::axes::{Axes, Certainty, turned};
-use super::choices::{prefer, with_shared};
+use super::choices::{functions_of_all, prefer, with_shared};
 use super::facts::{Corners, InputFacts, Kind, check_memory, has_opacity, is_automatic};
 use super::input::Input;
 use super::note::{Event, Note};
@@ -34,14 +34,12 @@ use crate::data::smoothing::SphKernel;
 use crate::data::up::Up;
 use crate::error::Advice;
 use crate::math::{rotation_matrix, turn_between};
-use crate::message::{put, take, unknown};
-use crate::prepared::about::Function;
 use crate::sample::mesh::Spread;
 use crate::sample::{
     FieldChoice, KernelOptions, PurposeOptions, SampleOptions, SampleReport, SampledScene,
-    as_surface, field_choices, is_surface, shared_functions, surface_report,
+    as_surface, field_choices, is_surface, surface_report,
 };
-use crate::scene::{PointVolume, TransferFunction, ValueSample};
+use crate::scene::{PointVolume, TransferFunction};
 use crate::view::{Bounds, Camera};
 use crate::{Error, Result};
 
@@ -74,7 +72,7 @@ pub(super) struct Look {
 
 /// [`Up`] in the form that ranks send.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
-struct SentUp {
+pub(crate) struct SentUp {
     direction: [f64; 3],
     front: Option<[f64; 3]>,
     is_plane: bool,
@@ -166,12 +164,12 @@ where
 }
 
 /// Converts the corners of a box to arrays, the form that ranks send.
-fn arrays_of((low, high): Corners) -> [[f64; 3]; 2] {
+pub(crate) fn arrays_of((low, high): Corners) -> [[f64; 3]; 2] {
     [low.to_array(), high.to_array()]
 }
 
 /// Converts arrays to the corners of a box.
-fn corners_of([low, high]: [[f64; 3]; 2]) -> Corners {
+pub(crate) fn corners_of([low, high]: [[f64; 3]; 2]) -> Corners {
     (low.into(), high.into())
 }
 
@@ -509,64 +507,15 @@ impl Collection<'_> {
         own.take_in(crate::sample::scene(dataset, options))
     }
 
-    /// Returns the transfer functions that inputs share, by the inputs' numbers. The first rank
-    /// chooses them from the values of all ranks.
+    /// Returns the transfer functions that inputs share, by the inputs' numbers.
     fn functions(
         &self,
         own: &mut [Own],
         options: &[SampleOptions],
         ranks: &mut dyn Collective,
     ) -> Result<HashMap<usize, TransferFunction>> {
-        let shown = own.iter().map(|own| {
-            let report = &own.report;
-            (report.field.clone(), report.unit_distance.to_bits())
-        });
-        let shown: Vec<(Option<String>, u64)> = all(ranks, shown.collect())?;
-        let samples = match ranks.size() {
-            1 => {
-                let own = own.iter_mut();
-                let samples = own.map(|own| (own.number, own.report.value_sample.take()));
-                samples.collect()
-            }
-            _ => samples_of_all(own, ranks)?,
-        };
-        let choose = || {
-            let mut reports: Vec<SampleReport> = shown
-                .into_iter()
-                .map(|(field, bits)| SampleReport {
-                    field,
-                    unit_distance: f64::from_bits(bits),
-                    ..SampleReport::default()
-                })
-                .collect();
-            for (number, sample) in samples {
-                if let Some(report) = reports.get_mut(number) {
-                    report.value_sample = sample;
-                }
-            }
-            shared_functions(&mut reports.iter_mut().zip(options).collect::<Vec<_>>())
-        };
-        let shared = match ranks.size() {
-            1 => choose()?,
-            _ => {
-                let sent = (ranks.rank() == 0).then(|| {
-                    let shared = choose()?.into_iter();
-                    let shared = shared.map(|(function, of)| (Function::of(&function), of));
-                    Ok(shared.collect::<Vec<_>>())
-                });
-                let received: Vec<(Function, Vec<usize>)> =
-                    ranks.broadcast_value(sent.transpose())?;
-                let own = received.into_iter().map(|(function, of)| {
-                    let function = function.transfer();
-                    Ok((function.ok_or_else(|| unknown("no transfer function"))?, of))
-                });
-                own.collect::<Result<Vec<_>>>()?
-            }
-        };
-        let each = shared
-            .into_iter()
-            .flat_map(|(function, of)| of.into_iter().map(move |i| (i, function.clone())));
-        Ok(each.collect())
+        let own = own.iter_mut().map(|own| (own.number, &mut own.report));
+        functions_of_all(own.collect(), options, ranks)
     }
 
     /// Returns how surfels are spread over each input. If no number is asked for, the pixels of the
@@ -748,36 +697,6 @@ impl Own {
             is_nothing: self.nothing.is_some(),
         }
     }
-}
-
-/// Gathers on the first rank the value samples from which transfer functions are chosen, each with
-/// the number of its input.
-fn samples_of_all(
-    own: &mut [Own],
-    ranks: &mut dyn Collective,
-) -> Result<Vec<(usize, Option<ValueSample>)>> {
-    let mut samples = Vec::new();
-    for own in own {
-        if let Some(sample) = own.report.value_sample.take() {
-            let (records, has_surroundings) = sample.to_records();
-            put(
-                &mut samples,
-                &[own.number as u64, u64::from(has_surroundings)],
-            );
-            put(&mut samples, &records);
-        }
-    }
-    let mut found = Vec::new();
-    for part in ranks.gather_on_first(Ok(samples))? {
-        let mut part = part.as_slice();
-        while !part.is_empty() {
-            let (of, records) = (take::<u64>(&mut part)?, take::<[f64; 3]>(&mut part)?);
-            let number = of.first().and_then(|&i| usize::try_from(i).ok());
-            let sample = ValueSample::of_records(&records, of.get(1) == Some(&1));
-            found.extend(number.map(|number| (number, Some(sample))));
-        }
-    }
-    Ok(found)
 }
 
 /// Returns the directions up of the inputs that have a position.

@@ -42,7 +42,7 @@
 
 mod alone;
 mod axes;
-mod choices;
+pub(crate) mod choices;
 pub(crate) mod collection;
 mod edit;
 pub(crate) mod facts;

@@ -181,6 +181,62 @@ impl MpiRank {
         })
     }
 
+    /// As [`Self::of_host`], of a Fortran handle (`MPI_Comm_c2f`, or an `MPI_VAL` of Fortran 2008), for hosts whose
+    /// compiler knows another `mpi.h` than this library.
+    ///
+    /// # Errors
+    /// MPI that does not run; a thread from which it may not be called; no communicator, or one between two groups; the
+    /// errors of MPI.
+    ///
+    /// # Safety
+    /// The handle is zero or that of a communicator, and MPI runs until this rank is dropped.
+    pub unsafe fn of_fortran(communicator: i32) -> Result<Self> {
+        let refused = |expected: &str, found: &str, advice: &str| {
+            Err(Error::invalid(
+                "MPI",
+                "communicator",
+                expected,
+                found,
+                advice,
+            ))
+        };
+        let (mut begun, mut ended, mut is_between) = (0, 0, 0);
+        let (mut level, mut is_main) = (0, 0);
+        // SAFETY: these may be called whether MPI runs or not.
+        unsafe {
+            ffi::MPI_Initialized(&raw mut begun);
+            ffi::MPI_Finalized(&raw mut ended);
+        }
+        if begun == 0 || ended != 0 {
+            let advice = "call it between MPI_Init_thread and MPI_Finalize";
+            return refused("a running MPI", "one that does not run", advice);
+        }
+        // SAFETY: MPI runs, and the handle is as the caller guarantees; places for results live as long as the calls.
+        unsafe {
+            check("level of threads", ffi::MPI_Query_thread(&raw mut level))?;
+            check("thread", ffi::MPI_Is_thread_main(&raw mut is_main))?;
+            if level < ffi::RSMPI_THREAD_SERIALIZED && is_main == 0 {
+                let advice =
+                    "start MPI with MPI_THREAD_SERIALIZED, or call from the thread that started it";
+                return refused("a thread that may call MPI", "another one", advice);
+            }
+            let own = ffi::RSMPI_Comm_f2c(communicator);
+            // Open MPI returns a null pointer for unknown handles. Other libraries have numbers, none of them 0.
+            let bytes: [u8; size_of::<ffi::MPI_Comm>()] = std::mem::transmute(own);
+            if own == ffi::RSMPI_COMM_NULL || bytes.iter().all(|byte| *byte == 0) {
+                let advice = "give the Fortran handle of a communicator, by MPI_Comm_c2f";
+                return refused("a communicator", "none", advice);
+            }
+            let tested = ffi::MPI_Comm_test_inter(own, &raw mut is_between);
+            check("kind of communicator", tested)?;
+            if is_between != 0 {
+                let advice = "give that of one group";
+                return refused("a communicator of one group", "one between two", advice);
+            }
+            Self::of_host(own)
+        }
+    }
+
     /// Takes the guard that ends MPI, if this rank started MPI; the rank no longer ends it.
     pub fn take_guard(&mut self) -> Option<MpiGuard> {
         self.universe.take().map(MpiGuard)
@@ -333,9 +389,13 @@ impl Drop for MpiRank {
         // MPI may still read and write these buffers: they must not be freed before it is done.
         while !self.under_way.is_empty() && self.complete().is_ok() {}
         std::mem::forget(std::mem::take(&mut self.under_way));
-        // SAFETY: the duplicate is this rank's own and is freed once.
+        // SAFETY: the duplicate is this rank's own and is freed once, unless a host has ended MPI before.
         unsafe {
-            ffi::MPI_Comm_free(&raw mut self.communicator);
+            let mut ended = 0;
+            ffi::MPI_Finalized(&raw mut ended);
+            if ended == 0 {
+                ffi::MPI_Comm_free(&raw mut self.communicator);
+            }
         }
     }
 }

@@ -1,5 +1,7 @@
 //! Defines settings by name.
 
+#[cfg(test)]
+use std::convert::Infallible;
 use std::path::PathBuf;
 
 use crate::sample::TransferChoice;
@@ -109,5 +111,61 @@ pub fn range<A: Arguments>(said: &mut A, name: &'static str) -> Result<Option<[f
         Some([a, b]) => Err(A::refused(format!(
             "{name}: expected two finite numbers, the lower one first, found {a}, {b}"
         ))),
+    }
+}
+
+/// Arguments of a caller who gives none.
+#[cfg(test)]
+#[derive(Debug)]
+pub(super) struct Nothing;
+
+#[cfg(test)]
+impl Arguments for Nothing {
+    type Error = Infallible;
+
+    fn flag(&mut self, _: &'static str) -> Result<Option<bool>, Infallible> {
+        Ok(None)
+    }
+    fn float(&mut self, _: &'static str) -> Result<Option<f64>, Infallible> {
+        Ok(None)
+    }
+    fn whole(&mut self, _: &'static str) -> Result<Option<i64>, Infallible> {
+        Ok(None)
+    }
+    fn count(&mut self, _: &'static str) -> Result<Option<usize>, Infallible> {
+        Ok(None)
+    }
+    fn text(&mut self, _: &'static str) -> Result<Option<String>, Infallible> {
+        Ok(None)
+    }
+    fn texts(&mut self, _: &'static str) -> Result<Option<Vec<String>>, Infallible> {
+        Ok(None)
+    }
+    fn pairs(&mut self, _: &'static str) -> Result<Option<Vec<(String, String)>>, Infallible> {
+        Ok(None)
+    }
+    fn path(&mut self, _: &'static str) -> Result<Option<PathBuf>, Infallible> {
+        Ok(None)
+    }
+    fn floats<const N: usize>(&mut self, _: &'static str) -> Result<Option<[f64; N]>, Infallible> {
+        Ok(None)
+    }
+    fn counts<const N: usize>(
+        &mut self,
+        _: &'static str,
+    ) -> Result<Option<[usize; N]>, Infallible> {
+        Ok(None)
+    }
+    fn rows<const N: usize>(
+        &mut self,
+        _: &'static str,
+    ) -> Result<Option<Vec<[f64; N]>>, Infallible> {
+        Ok(None)
+    }
+    fn transfer(&mut self, _: &'static str) -> Result<Option<TransferChoice>, Infallible> {
+        Ok(None)
+    }
+    fn refused(text: impl Into<String>) -> Infallible {
+        panic!("{}", text.into())
     }
 }

@@ -12,7 +12,7 @@ use crate::frame::settings::ColumnSettings;
 use crate::image::ColumnImage;
 use crate::render::{ColumnMeans, Renderer};
 use crate::sample::{MeanPart, PeriodicBox};
-use crate::task::Task;
+use crate::task::{Task, check};
 use crate::view::{Along, Bounds, Camera, Lens, left_of};
 
 /// Column density to be drawn, or mean of a field along each ray.
@@ -62,6 +62,17 @@ impl Session {
         let shared = &drawing.settings;
         let defaults = ColumnSettings::default();
         let mut state = self.lock(task)?;
+        let begun = self.begin(task, || format!("columns {request:?}"))?;
+        let (given, task) = (task, begun.as_ref().unwrap_or(task));
+        if mean.is_some() && self.is_shared() {
+            return Err(Error::invalid(
+                "mean",
+                "use",
+                "one process",
+                "data that ranks share",
+                "draw the columns of two quantities, and divide them",
+            ));
+        }
         let purpose = Purpose {
             for_columns: true,
             mean: match mean {
@@ -127,7 +138,9 @@ impl Session {
         if mean.is_some() {
             settings = ColumnMeans::settings(&settings);
         }
-        let mut column = ready.renderer.column_density(&camera, &settings)?.clone();
+        self.agreed("drawing columns", check(Some(given)))?;
+        let column = ready.renderer.column_density(&camera, &settings);
+        let mut column = self.agreed("the end of columns", column.cloned())?;
         let mut title = ready.title.clone();
         if let Some((weights, fields)) = fields {
             let on = |renderer: &Renderer| match backend {

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::options::{Opening, Sampling};
-use super::source::{Data, Source};
+use super::source::{Data, Source, is_empty};
 use crate::error::{Error, Result};
 use crate::io::{
     Association, Dataset, Field, FieldSource, Geometry, OpenOptions, StepChoice, Up, format_of,
@@ -54,8 +54,12 @@ impl Drawable {
     ) -> Result<Self> {
         let mut dataset = Dataset::new(what.as_ref(), what, geometry, fields);
         sampling.set_units(&mut dataset);
-        dataset.validate()?;
-        if sampling.around.is_some() && is_surface(&dataset) {
+        // A rank may hold no cells of a mesh. Sampling refuses data of which nobody holds any.
+        let is_empty = is_empty(&dataset);
+        if !(is_empty && matches!(dataset.geometry, Geometry::Cells(_))) {
+            dataset.validate()?;
+        }
+        if sampling.around.is_some() && is_surface(&dataset) && !is_empty {
             return Err(without_volume());
         }
         Ok(Self {
@@ -294,15 +298,19 @@ impl Drawable {
 
     /// Returns the direction up of each data set.
     pub fn ups(&self) -> impl Iterator<Item = Up> {
-        self.sources.iter().map(|source| match self.up {
-            Some(direction) => Up {
-                direction,
-                reason: "as it was said",
-                front: None,
-                is_plane: false,
-                is_of_mesh: false,
-            },
-            None => source.up(),
+        let given = self.given_up();
+        let sources = self.sources.iter();
+        sources.map(move |source| given.unwrap_or_else(|| source.up()))
+    }
+
+    /// Returns the direction up that was given.
+    pub(super) fn given_up(&self) -> Option<Up> {
+        self.up.map(|direction| Up {
+            direction,
+            reason: "as it was said",
+            front: None,
+            is_plane: false,
+            is_of_mesh: false,
         })
     }
 }

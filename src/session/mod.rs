@@ -10,6 +10,7 @@ mod drawable;
 mod forked;
 mod options;
 mod picture;
+mod ranks;
 mod sampled;
 mod source;
 mod state;

@@ -1,15 +1,18 @@
 //! Draws pictures of a session.
 
+use std::borrow::Cow;
+
 use super::options::Drawing;
 use super::sampled::{Purpose, Ready};
 use super::state::Session;
 use super::view::{View, camera};
 use crate::error::{Error, Result};
+use crate::frame::backdrop::GivenBackdrop;
 use crate::frame::settings::Settings;
-use crate::image::Image;
+use crate::image::{DeepImage, Image};
 use crate::legend::{check_legend_size, draw_legend, legend_width};
 use crate::sample::PeriodicBox;
-use crate::task::Task;
+use crate::task::{Task, check};
 use crate::view::{Bounds, Camera, DEFAULT_FOV_DEG, Lens, left_of};
 
 /// Picture to be drawn.
@@ -68,6 +71,12 @@ impl Session {
             drawing,
         } = request;
         let mut state = self.lock(task)?;
+        let begun = self.begin(task, || said(request))?;
+        let (given, task) = (task, begun.as_ref().unwrap_or(task));
+        let backdrop = match &self.ranks {
+            None => Cow::Borrowed(&drawing.backdrop),
+            Some(ranks) => Cow::Owned(ranks.clone().first_backdrop(&drawing.backdrop)?),
+        };
         if drawing.transfer.is_some() {
             state.set_transfer(drawing.transfer.clone())?;
         }
@@ -93,12 +102,15 @@ impl Session {
         if !drawing.has_low_pass {
             settings.low_pass_variance_px2 = ready.renderer.suitable_low_pass_px2();
         }
-        settings.backdrop = drawing.backdrop.seen_by(&camera)?;
+        settings.backdrop = backdrop.seen_by(&camera)?;
         settings.task = Some(task.clone());
-        of(state.opened(&camera)?, camera, settings)
+        self.agreed("drawing a picture", check(Some(given)))?;
+        let drawn = of(state.opened(&camera)?, camera, settings);
+        self.agreed("the end of a picture", drawn)
     }
 
-    /// Draws a picture of a checked size.
+    /// Draws a picture of a checked size. If ranks share the data, the images are those of the first rank; others get
+    /// nothing of use.
     ///
     /// - `further`: called with the scene, the picture without its colour bar, the camera and the settings.
     ///
@@ -110,7 +122,7 @@ impl Session {
         task: &Task,
         further: impl FnOnce(&mut Ready, &Image, &Camera, Settings) -> Result<T>,
     ) -> Result<(DrawnPicture, T)> {
-        let has_legend = request.drawing.legend;
+        let (has_legend, is_first) = (request.drawing.legend, self.is_first());
         self.with_picture(request, false, task, |ready, camera, settings| {
             if has_legend && ready.bars.is_empty() {
                 return Err(Error::invalid(
@@ -129,7 +141,7 @@ impl Session {
             let depth = renderer.depth().map(|depth| depth.depths.clone());
             let normals = renderer.normals().map(|normals| normals.normals.clone());
             let more = further(ready, &image, &camera, settings)?;
-            if has_legend {
+            if has_legend && is_first {
                 draw_legend(&ready.bars, &mut image)?;
             }
             let drawn = DrawnPicture {
@@ -143,11 +155,53 @@ impl Session {
     }
 }
 
+impl Session {
+    /// Draws a deep image of a checked size. Returns it with its camera.
+    ///
+    /// # Errors
+    /// As [`with_picture`](Self::with_picture); the errors of [`Renderer::render_deep`](crate::Renderer::render_deep);
+    /// data that ranks share.
+    pub fn render_deep(
+        &self,
+        request: PictureRequest<'_>,
+        task: &Task,
+    ) -> Result<(DeepImage, Camera)> {
+        if self.is_shared() {
+            return Err(Error::invalid(
+                "deep image",
+                "use",
+                "one process",
+                "data that ranks share",
+                "draw pictures with a background's depths",
+            ));
+        }
+        self.with_picture(request, false, task, |ready, camera, settings| {
+            let deep = ready.renderer.render_deep(&camera, &settings)?;
+            Ok((deep, camera))
+        })
+    }
+}
+
+/// Returns what ranks compare of a request: all but another renderer's images.
+fn said(request: PictureRequest<'_>) -> String {
+    let PictureRequest {
+        view,
+        size,
+        drawing,
+    } = request;
+    let own = Drawing {
+        backdrop: GivenBackdrop {
+            kind: drawing.backdrop.kind,
+            ..GivenBackdrop::default()
+        },
+        ..drawing.clone()
+    };
+    format!("picture {view:?} {size:?} {own:?}")
+}
+
 #[cfg(test)]
 mod tests {
-    use std::convert::Infallible;
     use std::panic::{AssertUnwindSafe, catch_unwind};
-    use std::path::PathBuf;
     use std::sync::Arc;
 
     use glam::DVec3;
@@ -155,64 +209,8 @@ mod tests {
     use super::*;
     use crate::frame::backend::Backend;
     use crate::io::{Association, Geometry};
-    use crate::sample::TransferChoice;
-    use crate::session::{Arguments, Drawable, drawing, field, sampling};
-
-    /// Arguments of a caller who gives none.
-    struct Nothing;
-
-    impl Arguments for Nothing {
-        type Error = Infallible;
-
-        fn flag(&mut self, _: &'static str) -> Result<Option<bool>, Infallible> {
-            Ok(None)
-        }
-        fn float(&mut self, _: &'static str) -> Result<Option<f64>, Infallible> {
-            Ok(None)
-        }
-        fn whole(&mut self, _: &'static str) -> Result<Option<i64>, Infallible> {
-            Ok(None)
-        }
-        fn count(&mut self, _: &'static str) -> Result<Option<usize>, Infallible> {
-            Ok(None)
-        }
-        fn text(&mut self, _: &'static str) -> Result<Option<String>, Infallible> {
-            Ok(None)
-        }
-        fn texts(&mut self, _: &'static str) -> Result<Option<Vec<String>>, Infallible> {
-            Ok(None)
-        }
-        fn pairs(&mut self, _: &'static str) -> Result<Option<Vec<(String, String)>>, Infallible> {
-            Ok(None)
-        }
-        fn path(&mut self, _: &'static str) -> Result<Option<PathBuf>, Infallible> {
-            Ok(None)
-        }
-        fn floats<const N: usize>(
-            &mut self,
-            _: &'static str,
-        ) -> Result<Option<[f64; N]>, Infallible> {
-            Ok(None)
-        }
-        fn counts<const N: usize>(
-            &mut self,
-            _: &'static str,
-        ) -> Result<Option<[usize; N]>, Infallible> {
-            Ok(None)
-        }
-        fn rows<const N: usize>(
-            &mut self,
-            _: &'static str,
-        ) -> Result<Option<Vec<[f64; N]>>, Infallible> {
-            Ok(None)
-        }
-        fn transfer(&mut self, _: &'static str) -> Result<Option<TransferChoice>, Infallible> {
-            Ok(None)
-        }
-        fn refused(text: impl Into<String>) -> Infallible {
-            panic!("{}", text.into())
-        }
-    }
+    use crate::session::arguments::Nothing;
+    use crate::session::{Drawable, drawing, field, sampling};
 
     #[test]
     fn a_session_draws_again_after_a_panic_and_after_cancelled_work() {

@@ -1,11 +1,13 @@
 //! Defines what a session makes of its data: sampled volumes, and scenes that are ready to be drawn.
 
+use std::ops::Range;
 use std::time::Instant;
 
 use super::source::Source;
 use crate::error::{Error, Result};
 use crate::io::SphKernel;
 use crate::legend::ColourBar;
+use crate::ranks::Share;
 use crate::render::Renderer;
 use crate::sample::{MeanPart, TransferChoice};
 use crate::scene::{PointVolume, TransferFunction};
@@ -128,6 +130,25 @@ pub struct Sampled {
     pub firsts: Vec<(usize, bool)>,
     /// As [`Ready::counts`].
     pub counts: Vec<Option<usize>>,
+    /// Places of the volumes among those of all ranks, if ranks share the data.
+    pub(super) placement: Option<Placement>,
+}
+
+/// Numbers of particles and planes of lattices, which complete volumes to a [`Share`].
+#[derive(Debug, Default)]
+pub(super) struct Placement {
+    pub(super) numbers: Vec<Vec<u64>>,
+    pub(super) planes: Vec<Vec<Range<usize>>>,
+}
+
+impl Placement {
+    pub(super) fn share(self, volumes: Vec<PointVolume>) -> Share {
+        Share {
+            volumes,
+            numbers: Some(self.numbers),
+            planes: Some(self.planes),
+        }
+    }
 }
 
 impl Sampled {

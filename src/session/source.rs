@@ -173,6 +173,14 @@ impl Source {
             && !is_scaled
     }
 
+    /// Returns true if it holds nothing, as some of the ranks that share data may.
+    pub fn is_empty(&self) -> bool {
+        match &self.data {
+            Data::Set(dataset) => is_empty(dataset),
+            Data::Surfels(ready) => ready.volume.particles.len() == 0,
+        }
+    }
+
     /// Returns true if it is a mesh.
     pub fn is_mesh(&self) -> bool {
         match &self.data {
@@ -189,6 +197,9 @@ impl Source {
         let Data::Set(dataset) = &self.data else {
             return Ok(None);
         };
+        if is_empty(dataset) {
+            return Ok(None);
+        }
         if self.is_mesh() {
             return Ok(Some(Cow::Borrowed(&**dataset)));
         }
@@ -198,5 +209,17 @@ impl Source {
         }
         let surface = as_surface(Dataset::clone(dataset), &self.options)?;
         Ok(Some(Cow::Owned(surface)))
+    }
+}
+
+/// Returns true if a data set has no points, cells or faces.
+pub(super) fn is_empty(dataset: &Dataset) -> bool {
+    match &dataset.geometry {
+        Geometry::Points { positions } => positions.is_empty(),
+        Geometry::Cells(mesh) => mesh.cell_count() == 0,
+        Geometry::Lattice(lattice) => lattice.len() == 0,
+        Geometry::Curvilinear { blocks } => blocks.iter().all(|block| block.nodes.is_empty()),
+        Geometry::Splats(cloud) => cloud.positions.is_empty(),
+        Geometry::Mesh(mesh) => mesh.parts.iter().all(|part| part.triangles.is_empty()),
     }
 }

@@ -1,26 +1,29 @@
 //! Holds the data of a session and the scene made of them.
 
 use std::borrow::Cow;
-use std::fmt;
+use std::fmt::{self, Display};
 use std::process;
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use super::drawable::Drawable;
 use super::forked::usable;
 use super::options::Drawing;
+use super::ranks::{Parts, Ranks};
 use super::sampled::{Purpose, Ready, Sampled};
 use super::source::{Data, Source};
 use super::view::View;
 use crate::blocks::SceneOptions;
+use crate::collective::Collective;
 use crate::error::{Error, Result};
 use crate::frame::backend::Backend;
 use crate::frame::settings::Settings;
 use crate::io::{Dataset, Geometry, Up};
 use crate::legend::{ColourBar, title_of};
 use crate::load::{SurfelDemand, prefer, sample_together};
+use crate::ranks::renderer::shared;
 use crate::render::Renderer;
 use crate::sample::mesh::Spread;
 use crate::sample::{
@@ -28,7 +31,7 @@ use crate::sample::{
     TransferChoice, common_smoothing, field_choices,
 };
 use crate::scene::{Classification, TransferDefaults, TransferFunction, Values};
-use crate::task::Task;
+use crate::task::{Task, check};
 use crate::view::{Bounds, Camera, ClipPlane, left_of};
 
 /// Ratio of wanted to existing surfels of a mesh above which it is sampled again.
@@ -36,6 +39,8 @@ const DENSER: f64 = 1.5;
 
 /// Data in memory with the scene made of them. It draws one picture at a time.
 pub struct Session {
+    /// The group of ranks that share the data, if there is one.
+    pub(super) ranks: Option<Ranks>,
     state: Mutex<State>,
     /// Process that locked the state last. A forked process inherits its parent's locks.
     process: AtomicU32,
@@ -43,6 +48,8 @@ pub struct Session {
 
 /// Contents of a session.
 pub struct State {
+    /// The data of all ranks, if ranks share them.
+    pub(super) parts: Option<Parts>,
     things: Vec<Arc<Drawable>>,
     backend: Backend,
     /// Last transfer function given for all data.
@@ -70,7 +77,10 @@ impl State {
 
     /// Returns the direction up.
     pub fn up(&self, view: Option<&View>) -> Up {
-        let up = Up::of_scene(self.things.iter().flat_map(|thing| thing.ups()));
+        let up = match &self.parts {
+            None => Up::of_scene(self.things.iter().flat_map(|thing| thing.ups())),
+            Some(parts) => Up::of_scene(parts.ups(&self.things)),
+        };
         match view.and_then(|view| view.up) {
             Some(direction) => Up { direction, ..up },
             None => up,
@@ -91,13 +101,26 @@ impl State {
             let surface = source.surface(purpose.for_columns)?;
             Ok(surface.filter(|_| is_open(source)))
         });
-        let surfaces: Vec<Option<Cow<'_, Dataset>>> = surfaces.collect::<Result<_>>()?;
-        if surfaces.iter().all(Option::is_none) {
+        let surfaces: Result<Vec<Option<Cow<'_, Dataset>>>> = surfaces.collect();
+        let surfaces = match &self.parts {
+            None => surfaces?,
+            Some(parts) => parts.agree(surfaces)?,
+        };
+        let has_some = surfaces.iter().any(Option::is_some);
+        let has_some = match &self.parts {
+            None => has_some,
+            Some(parts) => parts.any(has_some)?,
+        };
+        if !has_some {
             return Ok(vec![None; surfaces.len()]);
         }
         let corners = self.sources().filter_map(|(_, source)| source.corners());
         let boxes = corners.map(|(a, b)| ((a + b) / 2.0, (b - a) / 2.0));
-        let cameras = [camera(&left_of(boxes.collect(), clip))];
+        let boxes = match &self.parts {
+            None => boxes.collect(),
+            Some(parts) => parts.boxes(),
+        };
+        let cameras = [camera(&left_of(boxes, clip))];
         let demands: Vec<Option<SurfelDemand>> = surfaces
             .iter()
             .map(|surface| match &surface.as_ref()?.geometry {
@@ -105,7 +128,10 @@ impl State {
                 _ => None,
             })
             .collect();
-        Ok(SurfelDemand::share(&demands))
+        match &self.parts {
+            None => Ok(SurfelDemand::share(&demands)),
+            Some(parts) => parts.surfels(demands),
+        }
     }
 
     /// Samples all drawables. Those that show one field by an automatic transfer function share
@@ -142,12 +168,16 @@ impl State {
                     mean: purpose.mean,
                     normals: purpose.normals && own.flatten.is_none(),
                     local_models: purpose.models || own.flatten.is_some(),
-                    keeps_value_sample: count > 1 && !purpose.for_columns,
+                    keeps_value_sample: (count > 1 || self.parts.is_some()) && !purpose.for_columns,
                 },
                 task: Some(task.clone()),
                 ..own
             };
             options.push(own);
+        }
+        if let Some(parts) = &self.parts {
+            let things: Vec<(usize, &Source)> = self.sources().collect();
+            return parts.sample(&things, options, purpose, counts);
         }
         let sources: Vec<&Source> = self.sources().map(|(_, source)| source).collect();
         if count > 1 {
@@ -166,6 +196,7 @@ impl State {
             fields: Vec::new(),
             firsts: Vec::new(),
             counts,
+            placement: None,
         };
         for ((thing, _), scene) in self.sources().zip(scenes) {
             if thing == sampled.firsts.len() {
@@ -186,7 +217,7 @@ impl State {
     /// Returns the periodic box of all particles.
     ///
     /// # Errors
-    /// Things with different boxes, or with and without one.
+    /// Drawables with different boxes, or with and without one.
     pub fn periodic(&self) -> Result<Option<PeriodicBox>> {
         let mut boxes = self.sources().map(|(_, source)| source.options.periodic);
         let first = boxes.next().flatten();
@@ -194,7 +225,7 @@ impl State {
             true => Ok(first),
             false => Err(Error::invalid(
                 "box",
-                "things",
+                "data",
                 "the same periodic box for all",
                 "different ones",
                 "give all the same",
@@ -210,23 +241,30 @@ impl State {
         clip: &[ClipPlane],
         task: &Task,
     ) -> Result<&mut Ready> {
-        let is_ready = self.ready.as_ref().is_some_and(|ready| {
+        let serves = self.ready.as_ref().is_some_and(|ready| {
             let serves = Purpose {
                 detail: ready.purpose.detail || purpose.detail,
                 indices: ready.purpose.indices || purpose.indices,
                 shapes: ready.purpose.shapes || purpose.shapes,
                 ..purpose.clone()
             };
-            let denser = || {
-                let wanted = self.spreads(&purpose, camera, clip).unwrap_or_default();
-                let mut pairs = ready.counts.iter().zip(wanted);
-                pairs.any(|(own, wanted)| {
-                    own.zip(wanted)
-                        .is_some_and(|(own, (_, wanted))| wanted as f64 > DENSER * own as f64)
-                })
-            };
-            ready.purpose == serves && !denser()
+            ready.purpose == serves
         });
+        // Ranks make a scene together, or all keep theirs.
+        let on_any = |own: bool| match &self.parts {
+            None => Ok(own),
+            Some(parts) => parts.any(own),
+        };
+        let mut is_ready = !on_any(!serves)?;
+        if let (true, Some(ready)) = (is_ready, &self.ready) {
+            let wanted = self.spreads(&purpose, camera, clip).unwrap_or_default();
+            let mut pairs = ready.counts.iter().zip(wanted);
+            let denser = pairs.any(|(own, wanted)| {
+                own.zip(wanted)
+                    .is_some_and(|(own, (_, wanted))| wanted as f64 > DENSER * own as f64)
+            });
+            is_ready = !on_any(denser)?;
+        }
         if !is_ready {
             // The old scene is freed before the new one is made.
             self.ready = None;
@@ -247,7 +285,7 @@ impl State {
         task: &Task,
     ) -> Result<Ready> {
         let begun = Instant::now();
-        let sampled = self.sample(&purpose, camera, clip, task)?;
+        let mut sampled = self.sample(&purpose, camera, clip, task)?;
         let read_ms = begun.elapsed().as_secs_f64() * 1e3;
         let title = sampled.title();
         let named = sampled.volumes.iter().zip(&sampled.titles);
@@ -270,9 +308,18 @@ impl State {
             keep_indices: purpose.indices,
             task: Some(task.clone()),
         };
-        let renderer = Renderer::with_options(sampled.volumes, &options)?;
-        // With an automatic backend, the device is chosen when the first picture needs one.
-        let backend = usable(self.backend)?;
+        let renderer = match (&self.parts, sampled.placement.take()) {
+            (Some(parts), Some(placement)) => {
+                let ranks = Box::new(parts.ranks.clone());
+                shared(placement.share(sampled.volumes), &options, ranks)?
+            }
+            _ => Renderer::with_options(sampled.volumes, &options)?,
+        };
+        // With an automatic backend, the device is chosen when the first picture needs one. Ranks draw on processors.
+        let backend = match &self.parts {
+            None => usable(self.backend)?,
+            Some(_) => Backend::Cpu,
+        };
         let is_open = backend != Backend::Auto;
         let renderer = match is_open {
             true => renderer.on(backend.open()?)?,
@@ -346,6 +393,8 @@ impl State {
             return Ok(());
         }
         let is_plain = self.sources().all(|(_, source)| source.is_plain());
+        // Ranks sample again.
+        let is_plain = is_plain && self.parts.is_none();
         if let (Some(TransferChoice::Text(text)), Some(ready), true) =
             (&choice, &mut self.ready, is_plain)
             && let Some(functions) = exchanged(text, &ready.functions)?
@@ -424,7 +473,9 @@ impl Session {
     /// - `keep_shapes`: true if values may be replaced without sampling the data again.
     pub fn new(things: Vec<Arc<Drawable>>, backend: Backend, keep_shapes: bool) -> Self {
         Self {
+            ranks: None,
             state: Mutex::new(State {
+                parts: None,
                 things,
                 backend,
                 transfer: None,
@@ -435,17 +486,93 @@ impl Session {
         }
     }
 
+    /// Makes a session of the data of several ranks, each of which gives a part of every drawable. All ranks call the same
+    /// functions in the same order; the first one gets the pictures.
+    ///
+    /// - `own`: this rank's part, if it has one. A rank that fails before reports its error to the others here.
+    ///
+    /// # Errors
+    /// The error of any rank; other numbers of drawables, or other options, on other ranks; a rank that is gone.
+    pub fn over_ranks<E: From<Error> + Display>(
+        own: Result<Vec<Arc<Drawable>>, E>,
+        communicator: impl Collective + 'static,
+    ) -> Result<Self, E> {
+        let mut ranks = Ranks::new(Box::new(communicator));
+        let things = ranks.agreed("making a renderer", own)?;
+        let parts = Parts::of(&things, ranks.clone())?;
+        let mut session = Self::new(things, Backend::Cpu, false);
+        session.ranks = Some(ranks);
+        let state = session.state.get_mut();
+        state.unwrap_or_else(PoisonError::into_inner).parts = Some(parts);
+        Ok(session)
+    }
+
+    /// Returns this rank's result if all ranks are in the same call and have one. Without ranks, it returns the result.
+    ///
+    /// # Errors
+    /// The error of this rank, or of another; ranks in other calls; a rank that is gone.
+    pub fn agreed<T, E: From<Error> + Display>(
+        &self,
+        call: &'static str,
+        own: Result<T, E>,
+    ) -> Result<T, E> {
+        match &self.ranks {
+            None => own,
+            Some(ranks) => ranks.clone().agreed(call, own),
+        }
+    }
+
+    /// Begins work of all ranks: checks that all do the same, and that none is cancelled. Returns a task that nothing
+    /// cancels, because a rank must not leave the others in the middle; `None` without ranks.
+    ///
+    /// - `said`: what must be the same on all ranks.
+    pub(super) fn begin(&self, task: &Task, said: impl FnOnce() -> String) -> Result<Option<Task>> {
+        let Some(ranks) = &self.ranks else {
+            return Ok(None);
+        };
+        let mut ranks = ranks.clone();
+        ranks.check_same("settings", &said())?;
+        ranks.agreed("begun work", check(Some(task)))?;
+        Ok(Some(task.without_cancel()))
+    }
+
+    /// Returns the first rank's answers. Without ranks, these are the own ones.
+    ///
+    /// # Errors
+    /// A rank that is gone.
+    pub fn of_first<const N: usize>(&self, own: [bool; N]) -> Result<[bool; N]> {
+        match &self.ranks {
+            None => Ok(own),
+            Some(ranks) => ranks.clone().of_first(own),
+        }
+    }
+
+    /// Returns true if this process gets the pictures.
+    pub fn is_first(&self) -> bool {
+        self.ranks.as_ref().is_none_or(|ranks| ranks.rank() == 0)
+    }
+
+    /// Returns true if ranks share the data.
+    pub fn is_shared(&self) -> bool {
+        self.ranks.is_some()
+    }
+
     /// Replaces the values of a drawable by as many others. It samples the data again only if it must.
     ///
     /// # Errors
     /// No such drawable; one without a field of values; another number of values.
     pub fn set_values(&self, thing: usize, values: Values, task: &Task) -> Result<()> {
-        let mut state = self.lock(task)?;
+        let state = self.lock(task)?;
+        let replaced = Self::replaced(state, thing, values);
+        self.agreed("other values", replaced)
+    }
+
+    fn replaced(mut state: MutexGuard<'_, State>, thing: usize, values: Values) -> Result<()> {
         let count = state.things.len();
         let Some(old) = state.things.get(thing) else {
             let (expected, found) = (format!("one of {count}"), thing.to_string());
             return Err(Error::invalid(
-                "thing",
+                "scene",
                 "number",
                 expected,
                 found,
@@ -517,7 +644,7 @@ impl Session {
                             "process",
                             "one in which no other thread was drawing when it was forked",
                             "a renderer that its parent was drawing with",
-                            "make another renderer of the same things",
+                            "make another renderer of the same data",
                         ));
                     }
                     sleep(Duration::from_millis(1));

@@ -98,7 +98,7 @@ pub(super) fn show(
 
 /// Returns a few nodes with the same bounding box and the same direction up as the nodes of all ranks: the corners of
 /// the box. If some nodes lie between the two end planes of an axis, one node between these planes is added.
-pub(super) fn outline_of_all(own: &[DVec3], ranks: &mut dyn Collective) -> Result<Vec<DVec3>> {
+pub(crate) fn outline_of_all(own: &[DVec3], ranks: &mut dyn Collective) -> Result<Vec<DVec3>> {
     let finite = || own.iter().copied().filter(|p| p.is_finite());
     let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     let joined = |(low, high): (DVec3, DVec3), p: DVec3| (low.min(p), high.max(p));

@@ -1,4 +1,5 @@
-//! Reads files in parts, some on each rank. The ranks make the particles that one process makes of whole files.
+//! Reads files in parts, some on each rank, or samples data of which each rank holds a part. The ranks make the particles
+//! that one process makes of the whole.
 //!
 //! | file | subject |
 //! |---|---|
@@ -11,6 +12,7 @@
 //! | `grid.rs` | a curvilinear grid in pieces, sampled by planes |
 //! | `planes.rs` | a lattice, by planes |
 //! | `values.rs` | encoding of values as bytes |
+//! | `held.rs` | data in memory, of which each rank holds a part |
 //! | `found.rs` | sum of the reports of all ranks |
 //! | `function.rs` | transfer function chosen from the values of all ranks |
 //! | `scatter.rs` | scattering of volumes that one rank holds |
@@ -27,6 +29,7 @@ mod function;
 mod ghost_layers;
 mod grid;
 mod halo;
+mod held;
 mod metadata;
 mod pieces;
 mod planes;
@@ -36,7 +39,9 @@ mod scatter;
 mod values;
 
 pub(crate) use function::PartRead;
+pub(crate) use function::outline_of_all;
 pub(crate) use grid::read_grid;
+pub(crate) use held::held_together;
 pub(crate) use pieces::{assigned, read_pieces};
 pub(crate) use planes::read_planes;
 pub(crate) use point_file::read_together;

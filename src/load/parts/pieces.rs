@@ -76,10 +76,32 @@ pub(crate) fn read_pieces(
     if solid == 0 || higher > 0 {
         return Ok(None);
     }
-    let count = own.meshes().map(|mesh| mesh.cell_count() as u64).sum();
-    let count = ranks.sums(Ok(vec![count]))?[0] as usize;
     let dataset = own.dataset(file.path(), &seen);
     let dataset = ranks.agree(dataset)?;
+    held_cells(dataset, options, ranks)
+}
+
+/// Makes particles of cells in memory, of which each rank holds some: the particles that
+/// [`sample::volume`](crate::sample::volume) makes of all, one rank after another. Nodes at one position are one node.
+///
+/// - `dataset`: this rank's cells, with the same fields on every rank; some rank has solid ones, and none has cells of
+///   higher order.
+///
+/// Returns `None` as [`read_pieces`].
+///
+/// # Errors
+/// As [`read_pieces`].
+pub(super) fn held_cells(
+    dataset: Dataset,
+    options: &SampleOptions,
+    ranks: &mut dyn Collective,
+) -> Result<Option<PartRead>> {
+    let count = match &dataset.geometry {
+        Geometry::Cells(mesh) => mesh.cell_count() as u64,
+        _ => 0,
+    };
+    let count = ranks.sum(Ok(count))? as usize;
+    let path = dataset.path.clone();
     let head = head_of(&dataset, ranks)?;
     let field = shown_field(&head, options)?;
     let corners = dataset.bounds();
@@ -124,7 +146,7 @@ pub(crate) fn read_pieces(
         corners,
         volume_sum,
     };
-    let (mut found, spacing) = found_by_all(&found, &head, file.path(), options, ranks)?;
+    let (mut found, spacing) = found_by_all(&found, &head, &path, options, ranks)?;
     let count = found.report.particle_count;
     let picked = PartitionedCells::picked(&volume, before as usize, count);
     let shown = (&mut found, spacing);

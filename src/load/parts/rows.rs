@@ -47,17 +47,7 @@ pub(crate) fn read_rows(
         Some(name) => Some(name.clone()),
         None => {
             let ranges = ranges_of(file, &part, &head);
-            let all = ranks.gather_records(ranges)?;
-            let varies = |name: &str| {
-                let place = scalars(&head).position(|(own, _)| own == name);
-                let of_rank = |ranges: &Vec<[f64; 2]>| {
-                    let own = place.and_then(|n| ranges.get(n));
-                    own.copied().filter(|[lo, hi]| lo <= hi)
-                };
-                let all = all.iter().map(of_rank).fold(None, joined);
-                all.is_some_and(|[lo, hi]| lo < hi)
-            };
-            kind.field(&head, options, &varies)
+            field_of_all(ranges, &head, kind, options, ranks)?
         }
     };
     let options = SampleOptions {
@@ -69,16 +59,115 @@ pub(crate) fn read_rows(
     if ranks.any(own.is_none())? {
         return Ok(None);
     }
-    let own = own.unwrap_or_default().gathered(ranks)?;
+    let own = own.unwrap_or_default();
+    particles_of(own, (head, kind, count), &options, ranks).map(Some)
+}
+
+/// Makes particles of points in memory, of which each rank holds some: the particles that
+/// [`sample::volume`](crate::sample::volume) makes of all, one rank after another.
+///
+/// - `dataset`: this rank's points, with the same columns on every rank.
+/// - `kind`: what [`PartitionedRows::of`] returns.
+///
+/// # Errors
+/// As [`read_rows`].
+pub(super) fn held_rows(
+    dataset: &Dataset,
+    kind: PartitionedRows,
+    options: &SampleOptions,
+    ranks: &mut dyn Collective,
+) -> Result<PartRead> {
+    let head = without_rows(dataset);
+    let field = match &options.field {
+        Some(name) => Some(name.clone()),
+        None => {
+            let mut ranges = Ranges::of(&head);
+            ranges.add(&head, dataset);
+            field_of_all(Ok(ranges.0), &head, kind, options, ranks)?
+        }
+    };
+    let options = SampleOptions {
+        field,
+        ..options.clone()
+    };
+    let columns = columns_of(dataset, kind, &head, options.field.as_deref());
+    let columns = ranks.agree(columns)?;
+    let Geometry::Points { positions } = &dataset.geometry else {
+        unreachable!("the caller matched the geometry")
+    };
+    let count = positions.len() as u64;
+    let first = ranks.sum_before(Ok(count))?;
+    let own = Rows {
+        numbers: (first..first + count).collect(),
+        positions: positions.clone(),
+        columns,
+    };
+    let count = ranks.sum(Ok(count))? as usize;
+    particles_of(own, (head, kind, count), &options, ranks)
+}
+
+/// Returns points without rows: the names and the types of their columns.
+pub(super) fn without_rows(dataset: &Dataset) -> Dataset {
+    let emptied = |values: &Values| Values::of_type(values.type_name(), &[]);
+    let fields = dataset.fields.iter().map(|field| Field {
+        name: field.name.clone(),
+        association: field.association,
+        source: match &field.source {
+            FieldSource::Scalar(values) => FieldSource::Scalar(emptied(values)),
+            FieldSource::Vector(components) => {
+                FieldSource::Vector(components.iter().map(emptied).collect())
+            }
+            FieldSource::Derived(derive) => FieldSource::Derived(*derive),
+        },
+        unit: field.unit.clone(),
+    });
+    let geometry = Geometry::Points {
+        positions: Vec::new(),
+    };
+    Dataset {
+        notes: dataset.notes.clone(),
+        smoothing: dataset.smoothing.clone(),
+        volume_scale: dataset.volume_scale,
+        ..Dataset::new(&dataset.path, dataset.format, geometry, fields.collect())
+    }
+}
+
+/// Returns the field that is shown if none is named, which the values of all ranks determine.
+///
+/// - `ranges`: the range of each column on this rank.
+fn field_of_all(
+    ranges: Result<Vec<[f64; 2]>>,
+    head: &Dataset,
+    kind: PartitionedRows,
+    options: &SampleOptions,
+    ranks: &mut dyn Collective,
+) -> Result<Option<String>> {
+    let all = ranks.gather_records(ranges)?;
+    let varies = |name: &str| {
+        let place = scalars(head).position(|(own, _)| own == name);
+        let of_rank = |ranges: &Vec<[f64; 2]>| {
+            let own = place.and_then(|n| ranges.get(n));
+            own.copied().filter(|[lo, hi]| lo <= hi)
+        };
+        let all = all.iter().map(of_rank).fold(None, joined);
+        all.is_some_and(|[lo, hi]| lo < hi)
+    };
+    Ok(kind.field(head, options, &varies))
+}
+
+/// Makes the particles of some rows on each rank.
+///
+/// - `head`: metadata of all rows; `count`: their number.
+fn particles_of(
+    own: Rows,
+    (head, kind, count): (Dataset, PartitionedRows, usize),
+    options: &SampleOptions,
+    ranks: &mut dyn Collective,
+) -> Result<PartRead> {
+    let own = own.gathered(ranks)?;
+    let path = head.path.clone();
     let neighbourhoods = match kind.is_bare {
-        true => Some(neighbourhoods(
-            &own,
-            kind,
-            count,
-            &options,
-            ranks,
-            file.path(),
-        )?),
+        true => Some(neighbourhoods(&own, kind, count, options, ranks, &path)?),
         false => None,
     };
     let mut found = Found::default();
@@ -90,28 +179,28 @@ pub(crate) fn read_rows(
     let dataset = dataset_of(&head, positions, columns);
     found.corners = dataset.bounds();
     let sum = &mut found.volume_sum;
-    let sampled = sample_partition(dataset, &options, neighbourhoods.as_ref(), sum);
+    let sampled = sample_partition(dataset, options, neighbourhoods.as_ref(), sum);
     let sampled = ranks.agree(sampled)?;
     let picked = sampled.picked(&numbers, count);
     let kept: Vec<u64> = sampled.kept.iter().map(|&i| numbers[i as usize]).collect();
     let mut volume = sampled.volume;
     found.report = sampled.report;
-    let (mut found, spacing) = found_by_all(&found, &head, file.path(), &options, ranks)?;
+    let (mut found, spacing) = found_by_all(&found, &head, &path, options, ranks)?;
     let shown = (&mut found, spacing);
     show(
         &mut volume,
         picked,
         (count, (Surroundings::Absent, Tiling::Loose)),
         shown,
-        &options,
+        options,
         ranks,
     )?;
-    fit(&mut volume, &options, ranks)?;
+    fit(&mut volume, options, ranks)?;
     let corners = found.corners.into_iter();
     let geometry = Geometry::Points {
         positions: corners.flat_map(|(a, b)| [a, b]).collect(),
     };
-    Ok(Some(PartRead {
+    Ok(PartRead {
         share: Share {
             numbers: Some(vec![kept]),
             ..Share::from(vec![volume])
@@ -119,7 +208,7 @@ pub(crate) fn read_rows(
         report: found.report,
         head: Dataset { geometry, ..head },
         corners: found.corners,
-    }))
+    })
 }
 
 /// Fits normals and local models to the neighbours that have particles.
@@ -180,21 +269,36 @@ struct Rows {
     columns: Vec<(String, Values)>,
 }
 
-/// Returns the least and the greatest finite value of each column of some rows; reversed infinities if a column has
-/// none.
-fn ranges_of(file: &mut RowFile, part: &Range<usize>, head: &Dataset) -> Result<Vec<[f64; 2]>> {
-    let names: Vec<&str> = scalars(head).map(|(name, _)| name).collect();
-    let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; names.len()];
-    for run in file.runs_within(ROWS, part) {
-        let dataset = file.read(run)?;
-        for (name, values) in scalars(&dataset) {
-            let place = names.iter().position(|own| *own == name);
+/// The least and the greatest finite value of each column of some rows; reversed infinities if a column has none.
+struct Ranges(Vec<[f64; 2]>);
+
+impl Ranges {
+    /// Returns the ranges of no rows.
+    fn of(head: &Dataset) -> Self {
+        Self(vec![
+            [f64::INFINITY, f64::NEG_INFINITY];
+            scalars(head).count()
+        ])
+    }
+
+    /// Adds the values of rows with the same columns, or some of them.
+    fn add(&mut self, head: &Dataset, dataset: &Dataset) {
+        for (name, values) in scalars(dataset) {
+            let place = scalars(head).position(|(own, _)| own == name);
             if let (Some(n), Some([lo, hi])) = (place, values.finite_range()) {
-                ranges[n] = [ranges[n][0].min(lo), ranges[n][1].max(hi)];
+                self.0[n] = [self.0[n][0].min(lo), self.0[n][1].max(hi)];
             }
         }
     }
-    Ok(ranges)
+}
+
+/// Returns the ranges of a part's columns.
+fn ranges_of(file: &mut RowFile, part: &Range<usize>, head: &Dataset) -> Result<Vec<[f64; 2]>> {
+    let mut ranges = Ranges::of(head);
+    for run in file.runs_within(ROWS, part) {
+        ranges.add(head, &file.read(run)?);
+    }
+    Ok(ranges.0)
 }
 
 impl Rows {
