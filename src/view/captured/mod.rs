@@ -74,7 +74,7 @@ const DEFAULT_SIZE: [usize; 2] = [1024, 1024];
 /// A file that cannot be read, is damaged or has no camera; a lens that is no pinhole's; numbers that are not finite, or no
 /// rotation.
 pub fn read_cameras(path: &Path, size: Option<[usize; 2]>) -> Result<Vec<NamedCamera>> {
-    match contents(path)? {
+    match contents(path, "opening the camera")? {
         Contents::Stated(stated) => at_size(path, stated, size),
         Contents::Other(text) => Ok(vec![NamedCamera {
             name: "0".into(),
@@ -107,7 +107,7 @@ pub fn read_sequence(
     size: Option<[usize; 2]>,
     default: [usize; 2],
 ) -> Result<Vec<NamedCamera>> {
-    match contents(path)? {
+    match contents(path, "opening the camera path")? {
         Contents::Stated(stated) => {
             let first = stated.first().and_then(|first| first.optics.size());
             at_size(path, stated, Some(size.or(first).unwrap_or(default)))
@@ -133,12 +133,11 @@ enum Contents {
     Other(String),
 }
 
-fn contents(path: &Path) -> Result<Contents> {
+fn contents(path: &Path, doing: &'static str) -> Result<Contents> {
     if let Some(model) = colmap::model_of(path) {
         return Ok(Contents::Stated(model.read()?));
     }
-    let text = read_to_string(path)
-        .map_err(|e| Error::io(path, "opening the camera", e, "check the path"))?;
+    let text = read_to_string(path).map_err(|e| Error::io(path, doing, e, "check the path"))?;
     crate::opened::note(path);
     Ok(match json::stated(path, &text)? {
         Some(stated) => Contents::Stated(stated),
