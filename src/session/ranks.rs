@@ -26,7 +26,7 @@ use crate::sample::mesh::Spread;
 use crate::sample::{
     FieldChoice, MeanPart, SampleOptions, SampleReport, common_smoothing, field_choices,
 };
-use crate::scene::{Particles, PointVolume, TransferFunction};
+use crate::scene::{Particles, PointVolume};
 use crate::view::Bounds;
 
 /// A rank's end of the group, which a session and its renderers use in turn.
@@ -356,7 +356,7 @@ impl Parts {
             for (s, (source, parts)) in sources().enumerate() {
                 let count = parts.data_sets(&made[s]);
                 let mut members = (first..first + count).filter_map(|n| functions.get(&n));
-                if let Some(function) = members.next().map(TransferFunction::clone) {
+                if let Some(function) = members.next().cloned() {
                     // The old volumes are freed before the new ones are made.
                     (made[s].share, made[s].volumes) = (None, Vec::new());
                     let options = with_shared(options[s].clone(), &function);
