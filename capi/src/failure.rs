@@ -4,6 +4,7 @@ use std::cell::RefCell;
 use std::ffi::{CString, c_char};
 
 use ewa_splat::Error;
+use ewa_splat::session::Refused;
 
 /// Code of a result, as in the header.
 #[repr(i32)]
@@ -54,6 +55,12 @@ impl From<Error> for Failure {
             status,
             text: error.to_string(),
         }
+    }
+}
+
+impl From<Refused> for Failure {
+    fn from(Refused(text): Refused) -> Self {
+        Self::invalid(text)
     }
 }
 

@@ -3,13 +3,12 @@
 use std::sync::Arc;
 
 use ewa_splat::session::{
-    Arguments, ColumnRequest, Drawable, DrawnColumn, DrawnPicture, PictureRequest, Session, View,
-    check_size, choice, drawing,
+    Arguments, ColumnRequest, Drawable, DrawnColumn, DrawnPicture, PictureRequest, Said, Session,
+    View, check_size, choice, drawing,
 };
 use ewa_splat::{Backend, DepthImage, Image, Task};
 
 use super::failure::{Failure, Result};
-use super::settings::Said;
 
 /// Settings that columns have.
 const COLUMN_SETTINGS: [&str; 8] = [
@@ -28,7 +27,7 @@ pub(crate) fn renderer(scenes: Vec<Arc<Drawable>>, text: Option<&str>) -> Result
     if scenes.is_empty() {
         return Err(Failure::invalid("scenes: expected one or more, found none"));
     }
-    Said::all(text, |said| {
+    let made = Said::all(text, |said| {
         let backends = [
             ("auto", Backend::Auto),
             ("gpu", Backend::Gpu),
@@ -37,7 +36,8 @@ pub(crate) fn renderer(scenes: Vec<Arc<Drawable>>, text: Option<&str>) -> Result
         let backend = choice(said, "backend", &backends)?.unwrap_or(Backend::Auto);
         let keep_shapes = said.flag("keep_shapes")?.unwrap_or(false);
         Ok(Session::new(scenes, backend, keep_shapes))
-    })
+    });
+    Ok(made?)
 }
 
 /// Refuses the size of a picture that cannot be drawn.

@@ -1,8 +1,10 @@
 //! Draws pictures of a session.
 
+use std::sync::MutexGuard;
+
 use super::options::Drawing;
 use super::sampled::{Purpose, Ready};
-use super::state::Session;
+use super::state::{Session, State};
 use super::view::{View, camera};
 use crate::error::{Error, Result};
 use crate::frame::settings::Settings;
@@ -51,17 +53,13 @@ pub fn check_size(size: [usize; 2]) -> Result<(), String> {
 }
 
 impl Session {
-    /// Prepares a scene for a picture of a checked size, and passes it on with the camera and settings.
-    ///
-    /// # Errors
-    /// Data that cannot be sampled; settings that do not fit the scene; cancelled work.
-    pub fn with_picture<T>(
+    /// Prepares a scene for a picture of a checked size; returns the state with the camera and settings.
+    fn prepared(
         &self,
         request: PictureRequest<'_>,
         indices: bool,
         task: &Task,
-        of: impl FnOnce(&mut Ready, Camera, Settings) -> Result<T>,
-    ) -> Result<T> {
+    ) -> Result<(MutexGuard<'_, State>, Camera, Settings)> {
         let PictureRequest {
             view,
             size,
@@ -95,6 +93,21 @@ impl Session {
         }
         settings.backdrop = drawing.backdrop.seen_by(&camera)?;
         settings.task = Some(task.clone());
+        Ok((state, camera, settings))
+    }
+
+    /// Prepares a scene for a picture of a checked size, and passes it on with the camera and settings.
+    ///
+    /// # Errors
+    /// Data that cannot be sampled; settings that do not fit the scene; cancelled work.
+    pub fn with_picture<T>(
+        &self,
+        request: PictureRequest<'_>,
+        indices: bool,
+        task: &Task,
+        of: impl FnOnce(&mut Ready, Camera, Settings) -> Result<T>,
+    ) -> Result<T> {
+        let (mut state, camera, settings) = self.prepared(request, indices, task)?;
         of(state.opened(&camera)?, camera, settings)
     }
 
@@ -110,37 +123,84 @@ impl Session {
         task: &Task,
         further: impl FnOnce(&mut Ready, &Image, &Camera, Settings) -> Result<T>,
     ) -> Result<(DrawnPicture, T)> {
-        let has_legend = request.drawing.legend;
         self.with_picture(request, false, task, |ready, camera, settings| {
-            if has_legend && ready.bars.is_empty() {
-                return Err(Error::invalid(
-                    "legend",
-                    "data",
-                    "a field with a transfer function",
-                    "splats, meshes or particles with colours of their own",
-                    "leave it out",
-                ));
-            }
-            if has_legend {
-                check_legend_size(&ready.bars, request.size)?;
-            }
-            let renderer = &mut ready.renderer;
-            let mut image = renderer.render(&camera, &settings)?.clone();
-            let depth = renderer.depth().map(|depth| depth.depths.clone());
-            let normals = renderer.normals().map(|normals| normals.normals.clone());
-            let more = further(ready, &image, &camera, settings)?;
-            if has_legend {
-                draw_legend(&ready.bars, &mut image)?;
-            }
-            let drawn = DrawnPicture {
-                image,
-                depth,
-                normals,
-                camera,
-            };
-            Ok((drawn, more))
+            check_legend(request, ready)?;
+            let image = ready.renderer.render(&camera, &settings)?.clone();
+            finished(request, ready, image, camera, settings, further)
         })
     }
+
+    /// As [`render`](Self::render), without waiting for a device: see [`Renderer::render_async`]. While the device
+    /// draws, another call makes the scene again.
+    ///
+    /// # Errors
+    /// As [`render`](Self::render).
+    ///
+    /// [`Renderer::render_async`]: crate::render::Renderer::render_async
+    #[cfg(feature = "gpu")]
+    pub async fn render_async<T>(
+        &self,
+        request: PictureRequest<'_>,
+        task: &Task,
+        further: impl FnOnce(&mut Ready, &Image, &Camera, Settings) -> Result<T>,
+    ) -> Result<(DrawnPicture, T)> {
+        let (ready, camera, settings) = {
+            let (mut state, camera, settings) = self.prepared(request, false, task)?;
+            check_legend(request, state.opened(&camera)?)?;
+            (state.take_ready(), camera, settings)
+        };
+        let Some(mut ready) = ready else {
+            unreachable!("it was opened above")
+        };
+        let drawn = ready.renderer.render_async(&camera, &settings).await;
+        let image = drawn.map(Image::clone);
+        let drawn =
+            image.and_then(|image| finished(request, &mut ready, image, camera, settings, further));
+        self.lock(task)?.put_ready(ready);
+        drawn
+    }
+}
+
+/// Checks that a colour bar that is asked for can be drawn.
+fn check_legend(request: PictureRequest<'_>, ready: &Ready) -> Result<()> {
+    if !request.drawing.legend {
+        return Ok(());
+    }
+    if ready.bars.is_empty() {
+        return Err(Error::invalid(
+            "legend",
+            "data",
+            "a field with a transfer function",
+            "splats, meshes or particles with colours of their own",
+            "leave it out",
+        ));
+    }
+    check_legend_size(&ready.bars, request.size)
+}
+
+/// Completes a picture that was drawn.
+fn finished<T>(
+    request: PictureRequest<'_>,
+    ready: &mut Ready,
+    mut image: Image,
+    camera: Camera,
+    settings: Settings,
+    further: impl FnOnce(&mut Ready, &Image, &Camera, Settings) -> Result<T>,
+) -> Result<(DrawnPicture, T)> {
+    let renderer = &ready.renderer;
+    let depth = renderer.depth().map(|depth| depth.depths.clone());
+    let normals = renderer.normals().map(|normals| normals.normals.clone());
+    let more = further(ready, &image, &camera, settings)?;
+    if request.drawing.legend {
+        draw_legend(&ready.bars, &mut image)?;
+    }
+    let drawn = DrawnPicture {
+        image,
+        depth,
+        normals,
+        camera,
+    };
+    Ok((drawn, more))
 }
 
 #[cfg(test)]
