@@ -9,6 +9,7 @@ mod picture;
 mod scene;
 
 use ewa_splat::render::{AdapterChoice, Gpu};
+use ewa_splat::scene::{TransferDefaults, TransferFunction};
 use wasm_bindgen::prelude::*;
 
 pub use column::Column;
@@ -52,8 +53,8 @@ pub fn endings() -> Vec<String> {
 }
 
 /// Bytes of the module's memory.
-#[wasm_bindgen]
-pub fn memory() -> f64 {
+#[wasm_bindgen(js_name = memoryBytes)]
+pub fn memory_bytes() -> f64 {
     let memory: js_sys::WebAssembly::Memory = wasm_bindgen::memory().unchecked_into();
     let buffer: js_sys::ArrayBuffer = memory.buffer().unchecked_into();
     buffer.byte_length().into()
@@ -90,4 +91,18 @@ impl Device {
     pub fn is_software(&self) -> bool {
         self.gpu.is_software()
     }
+}
+
+/// A colour map as a transfer function over 0 to 1, in the form of its files.
+///
+/// # Errors
+/// An unknown name.
+#[wasm_bindgen(js_name = mapFunction)]
+pub fn map_function(name: &str) -> Result<String, JsError> {
+    let defaults = TransferDefaults {
+        range: [0.0, 1.0],
+        unit_distance: 1.0,
+    };
+    let function = TransferFunction::named(name, &defaults).map_err(thrown)?;
+    Ok(function.to_json())
 }

@@ -121,14 +121,13 @@ impl Scene {
         })
     }
 
-    /// Draws on a device of WebGPU from now on, or on the processor.
+    /// Draws pictures on a device of WebGPU from now on.
     ///
     /// # Errors
     /// A call within another.
-    pub fn on(&mut self, device: Option<Device>) -> Result<(), JsError> {
-        self.device = device.map(|device| device.gpu);
-        let is_on_device = self.device.is_some();
-        self.place(is_on_device, true)
+    pub fn on(&mut self, device: &Device) -> Result<(), JsError> {
+        self.device = Some(device.gpu.clone());
+        self.place(true, true)
     }
 
     /// What is known of the data, as JSON: `fields`, `notes`, `bounds`, `kinds`.

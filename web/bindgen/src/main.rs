@@ -15,7 +15,13 @@ fn main() -> ExitCode {
         .input_path(module)
         .out_name(name)
         .web(true)
-        .and_then(|bindgen| bindgen.typescript(true).generate(folder));
+        .and_then(|bindgen| {
+            // Names of functions take a tenth of the module.
+            let bindgen = bindgen
+                .remove_name_section(true)
+                .remove_producers_section(true);
+            bindgen.typescript(true).generate(folder)
+        });
     match written {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
