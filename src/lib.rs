@@ -152,6 +152,7 @@ pub mod annotate;
 mod blocks;
 #[cfg(test)]
 mod breadth;
+mod clock;
 mod collective;
 // The program and the window use the command line; it changes without notice.
 #[cfg(feature = "cli")]

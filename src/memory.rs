@@ -44,7 +44,16 @@ pub(crate) fn left() -> Option<(u64, &'static str)> {
             "the limit of addresses (ulimit -v) leaves",
         ))
     };
-    let all = [machine(), group(), addresses()];
+    // A module's memory has addresses of 32 bits.
+    #[cfg(target_family = "wasm")]
+    let module = || {
+        let pages = core::arch::wasm32::memory_size::<0>() as u64;
+        let left = (1_u64 << 32).saturating_sub(pages << 16);
+        Some((left, "the memory of a page leaves"))
+    };
+    #[cfg(not(target_family = "wasm"))]
+    let module = || None;
+    let all = [machine(), group(), addresses(), module()];
     all.into_iter().flatten().min_by_key(|(bytes, _)| *bytes)
 }
 

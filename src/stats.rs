@@ -1,6 +1,6 @@
 //! Defines the counts of a frame and the times of its stages.
 
-use std::time::Instant;
+use crate::clock::Instant;
 
 use serde::Serialize;
 
@@ -76,21 +76,19 @@ impl StageTimes {
     }
 }
 
-/// Measures [`StageTimes`] on the processor. In a browser, where the standard library has no clock, times are
-/// 0.
+/// Measures [`StageTimes`] on the processor.
 #[derive(Debug)]
-pub(crate) struct Stopwatch(Option<Instant>);
+pub(crate) struct Stopwatch(Instant);
 
 impl Stopwatch {
     pub(crate) fn start() -> Self {
-        Self((!cfg!(target_family = "wasm")).then(Instant::now))
+        Self(Instant::now())
     }
 
     /// Returns the milliseconds since the last lap, or the start.
     pub(crate) fn lap(&mut self) -> f64 {
-        let Some(last) = &mut self.0 else { return 0.0 };
         let now = Instant::now();
-        let elapsed = now - std::mem::replace(last, now);
+        let elapsed = now - std::mem::replace(&mut self.0, now);
         elapsed.as_secs_f64() * 1e3
     }
 }

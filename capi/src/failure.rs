@@ -5,6 +5,7 @@ use std::ffi::{CString, c_char};
 use std::fmt;
 
 use ewa_splat::Error;
+use ewa_splat::session::Refused;
 
 /// Code of a result, as in the header.
 #[repr(i32)]
@@ -63,6 +64,12 @@ impl From<Error> for Failure {
             status,
             text: error.to_string(),
         }
+    }
+}
+
+impl From<Refused> for Failure {
+    fn from(Refused(text): Refused) -> Self {
+        Self::invalid(text)
     }
 }
 

@@ -9,4 +9,3 @@ mod cameras;
 mod failure;
 mod pictures;
 mod scenes;
-mod settings;

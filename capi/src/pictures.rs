@@ -7,12 +7,11 @@ use ewa_splat::distributed::Collective;
 use ewa_splat::image::DepthOf;
 use ewa_splat::session::{
     Arguments, ColumnRequest, Drawable, Drawing, DrawnColumn, DrawnPicture, PictureRequest,
-    Session, View, check_size, choice, drawing,
+    Refused, Said, Session, View, check_size, choice, drawing,
 };
 use ewa_splat::{Backend, DeepImage, DepthImage, Image, Task};
 
 use super::failure::{Failure, Result};
-use super::settings::Said;
 
 /// Settings that columns have.
 const COLUMN_SETTINGS: [&str; 8] = [
@@ -60,7 +59,7 @@ fn choices(scenes: &[Arc<Drawable>], text: Option<&str>) -> Result<(Backend, boo
     if scenes.is_empty() {
         return Err(Failure::invalid("scenes: expected one or more, found none"));
     }
-    Said::all(text, |said| {
+    let made = Said::all(text, |said| {
         let backends = [
             ("auto", Backend::Auto),
             ("gpu", Backend::Gpu),
@@ -69,7 +68,8 @@ fn choices(scenes: &[Arc<Drawable>], text: Option<&str>) -> Result<(Backend, boo
         let backend = choice(said, "backend", &backends)?.unwrap_or(Backend::Auto);
         let keep_shapes = said.flag("keep_shapes")?.unwrap_or(false);
         Ok((backend, keep_shapes))
-    })
+    });
+    Ok(made?)
 }
 
 /// Refuses the size of a picture that cannot be drawn.
@@ -147,9 +147,7 @@ pub(crate) fn deep(
     let drawing = Said::all(text, |said| {
         for name in NOT_DEEP {
             if said.has(name) {
-                return Err(Failure::invalid(format!(
-                    "{name}: deep images have no such setting"
-                )));
+                return Err(Refused(format!("{name}: deep images have no such setting")));
             }
         }
         drawing(said)
@@ -188,11 +186,12 @@ pub(crate) fn columns(
     task: &Task,
 ) -> Result<DrawnColumn> {
     let said = checked(size).and_then(|()| {
-        Said::all(text, |said| {
+        let said = Said::all(text, |said| {
             said.only(&COLUMN_SETTINGS)?;
             let (of, mean) = (said.text("of")?, said.text("mean")?);
             Ok((of, mean, said.float("slice")?, drawing(said)?))
-        })
+        });
+        Ok(said?)
     });
     let (of, mean, slice, drawing) = session.agreed("ewa_columns", said)?;
     let request = ColumnRequest {

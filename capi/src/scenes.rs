@@ -5,12 +5,11 @@ use std::path::Path;
 use ewa_splat::io::{Association, CellMesh, CurvilinearBlock, Geometry, Mesh};
 use ewa_splat::sample::TransferChoice;
 use ewa_splat::scene::{Lattice, LatticeSpacing, TransferDefaults, TransferFunction};
-use ewa_splat::session::{Drawable, Sampling, field, opening, sampling};
+use ewa_splat::session::{Drawable, Said, Sampling, field, opening, sampling};
 use glam::{DMat3, DVec3};
 
 use super::arrays::Numbers;
 use super::failure::{Failure, Result};
-use super::settings::Said;
 
 /// Values of a field with its name.
 #[derive(Debug)]

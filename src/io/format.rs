@@ -51,18 +51,24 @@ impl Format {
     /// # Errors
     /// The file cannot be read or breaks its format's rules.
     pub fn time_steps(&self, path: &Path) -> Result<Vec<TimeStep>> {
+        let file = of_folder(path);
+        let mut steps = self.steps_of(Input::of_file(&file))?;
+        let parts = steps.iter_mut().flat_map(|step| &mut step.parts);
+        // The steps name the path that the caller gave, not the file found in a folder.
+        for part in parts.filter(|part| part.path == file) {
+            part.path = path.to_path_buf();
+        }
+        Ok(steps)
+    }
+
+    /// Returns the time steps of a file on the disk or in memory: see [`Format::time_steps`].
+    ///
+    /// # Errors
+    /// The errors of [`Format::time_steps`].
+    pub(crate) fn steps_of(&self, input: Input<'_>) -> Result<Vec<TimeStep>> {
         match self.steps {
-            Some(steps) => {
-                let file = of_folder(path);
-                let mut steps = steps(Input::of_file(&file))?;
-                let parts = steps.iter_mut().flat_map(|step| &mut step.parts);
-                // The steps name the path that the caller gave, not the file found in a folder.
-                for part in parts.filter(|part| part.path == file) {
-                    part.path = path.to_path_buf();
-                }
-                Ok(steps)
-            }
-            None => Ok(time_steps::of_file(path, &[])),
+            Some(steps) => steps(input),
+            None => Ok(time_steps::of_file(input.path, &[])),
         }
     }
 

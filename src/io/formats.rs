@@ -59,7 +59,7 @@ pub fn format_of(path: &Path, options: &OpenOptions) -> Result<&'static Format> 
     recognise(Input::of_file(&of_folder(path)), options)
 }
 
-pub(super) fn recognise(input: Input<'_>, options: &OpenOptions) -> Result<&'static Format> {
+pub(crate) fn recognise(input: Input<'_>, options: &OpenOptions) -> Result<&'static Format> {
     if let Some(format) = FORMATS.iter().find(|f| (f.is_pattern)(input.path)) {
         return Ok(format);
     }

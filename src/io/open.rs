@@ -32,7 +32,15 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
 /// # Errors
 /// The file cannot be read.
 pub fn has_particle_types(path: &Path) -> Result<bool> {
-    let (head, len) = Input::of_file(path).head(HEAD)?;
+    may_have_types(Input::of_file(path))
+}
+
+/// Returns true if an input may hold particles of several types: see [`has_particle_types`].
+///
+/// # Errors
+/// The input cannot be read.
+pub(crate) fn may_have_types(input: Input<'_>) -> Result<bool> {
+    let (head, len) = input.head(HEAD)?;
     Ok(head.starts_with(hdf5::MAGIC)
         || gadget::looks_like(&head)
         || phantom::native::looks_like(&head)
@@ -79,6 +87,10 @@ pub fn read_with(
     read_input(Input::of_bytes(Path::new(name), bytes, beside), options)
 }
 
-fn read_input(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
+/// Reads a data file from the disk or from memory: see [`open`].
+///
+/// # Errors
+/// The errors of [`open`].
+pub(crate) fn read_input(input: Input<'_>, options: &OpenOptions) -> Result<Dataset> {
     recognise(input, options)?.open(input, options)
 }

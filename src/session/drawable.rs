@@ -8,9 +8,10 @@ use glam::DVec3;
 use super::options::{Opening, Sampling};
 use super::source::{Data, Source, is_empty};
 use crate::error::{Error, Result};
+use crate::io::bytes::file::Input;
 use crate::io::{
     Association, Dataset, Field, FieldSource, Geometry, OpenOptions, StepChoice, Up, format_of,
-    has_particle_types, open, read,
+    has_particle_types, may_have_types, open, read, read_input, recognise,
 };
 use crate::sample::{SampleOptions, SampleReport, Sampled, is_surface};
 use crate::scene::Values;
@@ -63,7 +64,7 @@ impl Drawable {
             return Err(without_volume());
         }
         Ok(Self {
-            sources: sources_of(dataset, sampling.options, sampling.around).collect(),
+            sources: sources_of(Arc::new(dataset), sampling.options, sampling.around).collect(),
             up: sampling.up,
         })
     }
@@ -83,16 +84,49 @@ impl Drawable {
     /// # Errors
     /// Unreadable files; fields or time steps that they lack; nothing to draw.
     pub fn open(path: &Path, how: &Opening, sampling: &Sampling) -> Result<Self> {
+        Self::of_files(path, None, how, sampling)
+    }
+
+    /// Opens a file whose bytes are in memory, as [`open`](Self::open) does from the disk. Folders cannot be listed.
+    ///
+    /// - `beside`: returns the bytes of other files that it names, by their paths relative to the folder of `name`.
+    ///
+    /// # Errors
+    /// The errors of [`open`](Self::open); `beside` returns `None` for a file that is needed.
+    pub fn open_with(
+        name: &str,
+        bytes: &[u8],
+        beside: &dyn Fn(&Path) -> Option<Vec<u8>>,
+        how: &Opening,
+        sampling: &Sampling,
+    ) -> Result<Self> {
+        let main = Input::of_bytes(Path::new(name), bytes, beside);
+        Self::of_files(main.path, Some(main), how, sampling)
+    }
+
+    /// Opens a file on the disk, or `main` in memory.
+    fn of_files(
+        path: &Path,
+        main: Option<Input<'_>>,
+        how: &Opening,
+        sampling: &Sampling,
+    ) -> Result<Self> {
         let Opening {
             options: how,
             types,
             step,
         } = how;
-        let format = format_of(path, how);
+        let format = match main {
+            None => format_of(path, how),
+            Some(main) => recognise(main, how),
+        };
         // Errors of unreadable files are reported when they are read.
         let parts = match format {
             Ok(format) => {
-                let steps = format.time_steps(path)?;
+                let steps = match main {
+                    None => format.time_steps(path)?,
+                    Some(main) => format.steps_of(main)?,
+                };
                 let step = (*step).unwrap_or(StepChoice::Number(0));
                 let chosen = step.of(path, &steps)?;
                 let parts = steps.into_iter().skip(chosen).take(1);
@@ -103,7 +137,11 @@ impl Drawable {
         };
         let (mut sets, mut empty, mut nothing) = (Vec::new(), Vec::new(), None);
         for (path, time_step) in parts {
-            let has_types = !types.is_empty() && has_particle_types(&path)?;
+            let has_types = !types.is_empty()
+                && match main {
+                    None => has_particle_types(&path)?,
+                    Some(main) => of_part(main, &path, may_have_types)?,
+                };
             let types = types.iter().copied().map(Some);
             let types: Vec<_> = if has_types {
                 types.collect()
@@ -116,7 +154,11 @@ impl Drawable {
                     particle_type: particle_type.or(how.particle_type),
                     ..how.clone()
                 };
-                match open(&path, &how) {
+                let opened = match main {
+                    None => open(&path, &how),
+                    Some(main) => of_part(main, &path, |input| read_input(input, &how)),
+                };
+                match opened {
                     // Another part may hold something.
                     Err(error) if error.holds_nothing() => {
                         empty.push(path.display().to_string());
@@ -151,13 +193,34 @@ impl Drawable {
         for set in &mut sets {
             sampling.set_units(set);
         }
+        Self::of_shared(sets.into_iter().map(Arc::new).collect(), sampling)
+    }
+
+    /// Returns the same data, sampled with other options. Units stay as they were given first.
+    ///
+    /// # Errors
+    /// A field that all data sets lack; the boundary of data that are surfaces themselves.
+    pub fn sampled_by(&self, sampling: &Sampling) -> Result<Self> {
+        let mut sets: Vec<Arc<Dataset>> = Vec::new();
+        for source in &self.sources {
+            // A volume and its boundary have one data set.
+            if let Data::Set(set) = &source.data
+                && !sets.last().is_some_and(|last| Arc::ptr_eq(last, set))
+            {
+                sets.push(Arc::clone(set));
+            }
+        }
+        Self::of_shared(sets, sampling)
+    }
+
+    fn of_shared(sets: Vec<Arc<Dataset>>, sampling: &Sampling) -> Result<Self> {
         let Sampling {
             options,
             up,
             around,
             ..
         } = sampling;
-        let lacks = |set: &Dataset| {
+        let lacks = |set: &Arc<Dataset>| {
             let field = options.field.as_deref()?;
             let has_none = matches!(set.geometry, Geometry::Mesh(_)) && set.fields.is_empty();
             set.scalar(field).err().filter(|_| !has_none)
@@ -170,7 +233,7 @@ impl Drawable {
             return Err(error);
         }
         // Beside grids, surfaces are drawn as they are: they have no volume within.
-        if around.is_some() && sets.iter().all(is_surface) {
+        if around.is_some() && sets.iter().all(|set| is_surface(set)) {
             return Err(without_volume());
         }
         let sources = sets.into_iter().zip(is_lacking).flat_map(|(set, lacks)| {
@@ -326,15 +389,22 @@ fn without_volume() -> Error {
     )
 }
 
+/// Calls `of` with a file in memory, or with one beside it.
+fn of_part<T>(main: Input<'_>, path: &Path, of: impl FnOnce(Input<'_>) -> Result<T>) -> Result<T> {
+    match path == main.path {
+        true => of(main),
+        false => main.with_beside(path, of),
+    }
+}
+
 /// Makes the source of a data set, and that of its boundary if it is drawn around the volume.
 ///
 /// - `around`: opacity of the boundary.
 fn sources_of(
-    dataset: Dataset,
+    dataset: Arc<Dataset>,
     options: SampleOptions,
     around: Option<f64>,
 ) -> impl Iterator<Item = Source> {
-    let dataset = Arc::new(dataset);
     let boundary = around.map(|opacity| {
         let options = SampleOptions {
             surface: Some(opacity),

@@ -24,9 +24,17 @@ struct Pool {
     next: OnceLock<Box<Pool>>,
 }
 
+/// Returns the number of this process; in a browser, where there are no processes, always the same.
+pub(crate) fn own_process() -> u32 {
+    match cfg!(target_family = "wasm") {
+        true => 0,
+        false => process::id(),
+    }
+}
+
 /// Returns true if this process was forked from one that had worked.
 pub(crate) fn is_forked() -> bool {
-    FIRST.get().is_some_and(|first| *first != process::id())
+    FIRST.get().is_some_and(|first| *first != own_process())
 }
 
 /// Runs `work` in a pool that has workers for its parallel loops.
@@ -34,7 +42,7 @@ pub(crate) fn is_forked() -> bool {
 /// # Panics
 /// If the system can start no thread.
 pub fn with_workers<T: Send>(work: impl FnOnce() -> T + Send) -> T {
-    let own = process::id();
+    let own = own_process();
     if *FIRST.get_or_init(|| own) == own {
         return work();
     }

@@ -1,10 +1,11 @@
 //! Draws pictures of a session.
 
 use std::borrow::Cow;
+use std::sync::MutexGuard;
 
 use super::options::Drawing;
 use super::sampled::{Purpose, Ready};
-use super::state::Session;
+use super::state::{Session, State};
 use super::view::{View, camera};
 use crate::error::{Error, Result};
 use crate::frame::backdrop::GivenBackdrop;
@@ -54,17 +55,13 @@ pub fn check_size(size: [usize; 2]) -> Result<(), String> {
 }
 
 impl Session {
-    /// Prepares a scene for a picture of a checked size, and passes it on with the camera and settings.
-    ///
-    /// # Errors
-    /// Data that cannot be sampled; settings that do not fit the scene; cancelled work.
-    pub fn with_picture<T>(
+    /// Prepares a scene for a picture of a checked size; returns the state with the camera and settings.
+    fn prepared(
         &self,
         request: PictureRequest<'_>,
         indices: bool,
         task: &Task,
-        of: impl FnOnce(&mut Ready, Camera, Settings) -> Result<T>,
-    ) -> Result<T> {
+    ) -> Result<(MutexGuard<'_, State>, Camera, Settings)> {
         let PictureRequest {
             view,
             size,
@@ -105,6 +102,21 @@ impl Session {
         settings.backdrop = backdrop.seen_by(&camera)?;
         settings.task = Some(task.clone());
         self.agreed("drawing a picture", check(Some(given)))?;
+        Ok((state, camera, settings))
+    }
+
+    /// Prepares a scene for a picture of a checked size, and passes it on with the camera and settings.
+    ///
+    /// # Errors
+    /// Data that cannot be sampled; settings that do not fit the scene; cancelled work.
+    pub fn with_picture<T>(
+        &self,
+        request: PictureRequest<'_>,
+        indices: bool,
+        task: &Task,
+        of: impl FnOnce(&mut Ready, Camera, Settings) -> Result<T>,
+    ) -> Result<T> {
+        let (mut state, camera, settings) = self.prepared(request, indices, task)?;
         let drawn = of(state.opened(&camera)?, camera, settings);
         self.agreed("the end of a picture", drawn)
     }
@@ -122,37 +134,92 @@ impl Session {
         task: &Task,
         further: impl FnOnce(&mut Ready, &Image, &Camera, Settings) -> Result<T>,
     ) -> Result<(DrawnPicture, T)> {
-        let (has_legend, is_first) = (request.drawing.legend, self.is_first());
+        let is_first = self.is_first();
         self.with_picture(request, false, task, |ready, camera, settings| {
-            if has_legend && ready.bars.is_empty() {
-                return Err(Error::invalid(
-                    "legend",
-                    "data",
-                    "a field with a transfer function",
-                    "splats, meshes or particles with colours of their own",
-                    "leave it out",
-                ));
-            }
-            if has_legend {
-                check_legend_size(&ready.bars, request.size)?;
-            }
-            let renderer = &mut ready.renderer;
-            let mut image = renderer.render(&camera, &settings)?.clone();
-            let depth = renderer.depth().map(|depth| depth.depths.clone());
-            let normals = renderer.normals().map(|normals| normals.normals.clone());
-            let more = further(ready, &image, &camera, settings)?;
-            if has_legend && is_first {
-                draw_legend(&ready.bars, &mut image)?;
-            }
-            let drawn = DrawnPicture {
-                image,
-                depth,
-                normals,
-                camera,
-            };
-            Ok((drawn, more))
+            check_legend(request, ready)?;
+            let image = ready.renderer.render(&camera, &settings)?.clone();
+            let drawn = (ready, image, camera, settings);
+            finished(request, drawn, is_first, further)
         })
     }
+
+    /// As [`render`](Self::render), without waiting for a device: see [`Renderer::render_async`]. While the device
+    /// draws, another call makes the scene again.
+    ///
+    /// # Errors
+    /// As [`render`](Self::render).
+    ///
+    /// [`Renderer::render_async`]: crate::render::Renderer::render_async
+    #[cfg(feature = "gpu")]
+    pub async fn render_async<T>(
+        &self,
+        request: PictureRequest<'_>,
+        task: &Task,
+        further: impl FnOnce(&mut Ready, &Image, &Camera, Settings) -> Result<T>,
+    ) -> Result<(DrawnPicture, T)> {
+        let (ready, camera, settings) = {
+            let (mut state, camera, settings) = self.prepared(request, false, task)?;
+            check_legend(request, state.opened(&camera)?)?;
+            (state.take_ready(), camera, settings)
+        };
+        let Some(mut ready) = ready else {
+            unreachable!("it was opened above")
+        };
+        let drawn = ready.renderer.render_async(&camera, &settings).await;
+        let image = drawn.map(Image::clone);
+        let drawn = image.and_then(|image| {
+            finished(
+                request,
+                (&mut ready, image, camera, settings),
+                true,
+                further,
+            )
+        });
+        self.lock(task)?.put_ready(ready);
+        drawn
+    }
+}
+
+/// Checks that a colour bar that is asked for can be drawn.
+fn check_legend(request: PictureRequest<'_>, ready: &Ready) -> Result<()> {
+    if !request.drawing.legend {
+        return Ok(());
+    }
+    if ready.bars.is_empty() {
+        return Err(Error::invalid(
+            "legend",
+            "data",
+            "a field with a transfer function",
+            "splats, meshes or particles with colours of their own",
+            "leave it out",
+        ));
+    }
+    check_legend_size(&ready.bars, request.size)
+}
+
+/// Completes a picture that was drawn.
+///
+/// - `is_first`: true if this process gets the picture.
+fn finished<T>(
+    request: PictureRequest<'_>,
+    (ready, mut image, camera, settings): (&mut Ready, Image, Camera, Settings),
+    is_first: bool,
+    further: impl FnOnce(&mut Ready, &Image, &Camera, Settings) -> Result<T>,
+) -> Result<(DrawnPicture, T)> {
+    let renderer = &ready.renderer;
+    let depth = renderer.depth().map(|depth| depth.depths.clone());
+    let normals = renderer.normals().map(|normals| normals.normals.clone());
+    let more = further(ready, &image, &camera, settings)?;
+    if request.drawing.legend && is_first {
+        draw_legend(&ready.bars, &mut image)?;
+    }
+    let drawn = DrawnPicture {
+        image,
+        depth,
+        normals,
+        camera,
+    };
+    Ok((drawn, more))
 }
 
 impl Session {

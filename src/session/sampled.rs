@@ -1,9 +1,9 @@
 //! Defines what a session makes of its data: sampled volumes, and scenes that are ready to be drawn.
 
 use std::ops::Range;
-use std::time::Instant;
 
 use super::source::Source;
+use crate::clock::Instant;
 use crate::error::{Error, Result};
 use crate::io::SphKernel;
 use crate::legend::ColourBar;

@@ -2,24 +2,26 @@
 
 use std::borrow::Cow;
 use std::fmt::{self, Display};
-use std::process;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 use std::thread::sleep;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use super::drawable::Drawable;
-use super::forked::usable;
+use super::forked::{own_process, usable};
 use super::options::Drawing;
 use super::ranks::{Parts, Ranks};
 use super::sampled::{Purpose, Ready, Sampled};
 use super::source::{Data, Source};
 use super::view::View;
 use crate::blocks::SceneOptions;
+use crate::clock::Instant;
 use crate::collective::Collective;
 use crate::error::{Error, Result};
-use crate::frame::backend::Backend;
+use crate::frame::backend::{Backend, OpenBackend};
 use crate::frame::settings::Settings;
+#[cfg(feature = "gpu")]
+use crate::gpu::Gpu;
 use crate::io::{Dataset, Geometry, Up};
 use crate::legend::{ColourBar, title_of};
 use crate::load::{SurfelDemand, prefer, sample_together};
@@ -52,6 +54,9 @@ pub struct State {
     pub(super) parts: Option<Parts>,
     things: Vec<Arc<Drawable>>,
     backend: Backend,
+    /// Device that the caller opened, which draws in place of `backend`.
+    #[cfg(feature = "gpu")]
+    device: Option<Gpu>,
     /// Last transfer function given for all data.
     transfer: Option<TransferChoice>,
     keep_shapes: bool,
@@ -62,7 +67,7 @@ impl State {
     /// Forgets a scene on a device that another process opened. Freeing it would call its driver.
     fn leave_device(&mut self) {
         let is_of_another = |ready: &mut Ready| {
-            ready.process != process::id() && ready.renderer.adapter().is_some()
+            ready.process != own_process() && ready.renderer.adapter().is_some()
         };
         if let Some(ready) = self.ready.take_if(is_of_another) {
             std::mem::forget(ready);
@@ -316,18 +321,14 @@ impl State {
             _ => Renderer::with_options(sampled.volumes, &options)?,
         };
         // With an automatic backend, the device is chosen when the first picture needs one. Ranks draw on processors.
-        let backend = match &self.parts {
-            None => usable(self.backend)?,
-            Some(_) => Backend::Cpu,
-        };
-        let is_open = backend != Backend::Auto;
+        let is_open = usable(self.backend)? != Backend::Auto;
         let renderer = match is_open {
-            true => renderer.on(backend.open()?)?,
+            true => renderer.on(self.open_backend()?)?,
             false => renderer,
         };
         Ok(Ready {
             purpose,
-            process: process::id(),
+            process: own_process(),
             renderer,
             is_open,
             bars: different,
@@ -342,12 +343,39 @@ impl State {
         })
     }
 
+    /// Opens the device that draws.
+    fn open_backend(&self) -> Result<OpenBackend> {
+        #[cfg(feature = "gpu")]
+        if let Some(gpu) = &self.device {
+            return Ok(OpenBackend::or_cpu(gpu.clone()));
+        }
+        usable(self.backend)?.open()
+    }
+
+    /// Draws on a device that the caller opened from now on, and on the CPU what it cannot; or by the backend that the
+    /// session was made with.
+    #[cfg(feature = "gpu")]
+    pub fn set_device(&mut self, device: Option<Gpu>) {
+        self.device = device;
+        self.ready = None;
+    }
+
+    /// Takes the ready scene, while a device draws it.
+    pub(crate) fn take_ready(&mut self) -> Option<Ready> {
+        self.ready.take()
+    }
+
+    /// Puts back a scene that was taken.
+    pub(crate) fn put_ready(&mut self, ready: Ready) {
+        self.ready = Some(ready);
+    }
+
     /// Returns the ready scene, on a device if a picture of this camera is worth it.
     pub fn opened(&mut self, camera: &Camera) -> Result<&mut Ready> {
         let waits = |ready: &mut Ready| !ready.is_open && !ready.renderer.suits_cpu(camera, 1);
         if let Some(ready) = self.ready.take_if(waits) {
             self.ready = Some(Ready {
-                renderer: ready.renderer.on(usable(self.backend)?.open()?)?,
+                renderer: ready.renderer.on(self.open_backend()?)?,
                 is_open: true,
                 ..ready
             });
@@ -478,6 +506,8 @@ impl Session {
                 parts: None,
                 things,
                 backend,
+                #[cfg(feature = "gpu")]
+                device: None,
                 transfer: None,
                 keep_shapes,
                 ready: None,
@@ -609,7 +639,7 @@ impl Session {
 
     /// Notes the process that holds the state, and leaves a device of its parent alone.
     fn entered<'a>(&self, mut state: MutexGuard<'a, State>) -> MutexGuard<'a, State> {
-        self.process.store(process::id(), Ordering::Relaxed);
+        self.process.store(own_process(), Ordering::Relaxed);
         state.leave_device();
         state
     }
@@ -631,10 +661,19 @@ impl Session {
                     if task.is_cancelled() {
                         return Err(Error::Cancelled);
                     }
+                    if cfg!(target_family = "wasm") {
+                        return Err(Error::invalid(
+                            "Session",
+                            "calls",
+                            "one at a time",
+                            "one within another",
+                            "wait for the first",
+                        ));
+                    }
                     let owner = self.process.load(Ordering::Relaxed);
                     // A thread of this process that has just locked the state stores its process
                     // number at once.
-                    turns = match owner == 0 || owner == process::id() {
+                    turns = match owner == 0 || owner == own_process() {
                         true => 0,
                         false => turns + 1,
                     };

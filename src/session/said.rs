@@ -3,19 +3,33 @@
 use std::fmt;
 use std::path::PathBuf;
 
-use ewa_splat::sample::TransferChoice;
-use ewa_splat::session::Arguments;
 use serde::de::{Deserialize, Deserializer, MapAccess, Visitor};
 use serde_json::Value;
 
-use super::failure::{Failure, Result};
+use super::arguments::Arguments;
+use crate::sample::TransferChoice;
 
 /// Distance of two names, in letters, up to which one may be a slip of the other.
 const NEAR: usize = 3;
 
-/// Settings, taken one by one.
+/// Text of the error for settings that cannot be used: `NAME: expected A, found B`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Refused(pub String);
+
+impl fmt::Display for Refused {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for Refused {}
+
+/// Result with the error of settings.
+type Result<T, E = Refused> = std::result::Result<T, E>;
+
+/// Settings in JSON, taken one by one.
 #[derive(Debug)]
-pub(crate) struct Said {
+pub struct Said {
     /// Names, with `_` for `-`, and values of the settings that were not taken yet.
     left: Vec<(String, Value)>,
     /// Names that were asked for.
@@ -55,12 +69,12 @@ impl Said {
     ///
     /// # Errors
     /// Text that is no object in JSON; a name that occurs twice.
-    pub(crate) fn parse(text: Option<&str>) -> Result<Self> {
+    pub fn parse(text: Option<&str>) -> Result<Self> {
         let text = text.map(str::trim).filter(|text| !text.is_empty());
         let Entries(entries) = match text {
             None => Entries(Vec::new()),
             Some(text) => serde_json::from_str(text).map_err(|error| {
-                Failure::invalid(format!(
+                Refused(format!(
                     "settings: expected an object in JSON, found {error}"
                 ))
             })?,
@@ -69,9 +83,7 @@ impl Said {
         for (name, value) in entries {
             let name = name.replace('-', "_");
             if left.iter().any(|(own, _)| *own == name) {
-                return Err(Failure::invalid(format!(
-                    "{name}: expected it once, found it twice"
-                )));
+                return Err(Refused(format!("{name}: expected it once, found it twice")));
             }
             left.push((name, value));
         }
@@ -85,7 +97,7 @@ impl Said {
     ///
     /// # Errors
     /// The errors of `of` and of [`parse`](Self::parse); settings that were not taken.
-    pub(crate) fn all<T>(text: Option<&str>, of: impl FnOnce(&mut Self) -> Result<T>) -> Result<T> {
+    pub fn all<T>(text: Option<&str>, of: impl FnOnce(&mut Self) -> Result<T>) -> Result<T> {
         let mut said = Self::parse(text)?;
         let taken = of(&mut said)?;
         match said.left.first() {
@@ -95,12 +107,12 @@ impl Said {
     }
 
     /// Returns true if a setting of this name is left.
-    pub(crate) fn has(&self, name: &str) -> bool {
+    pub fn has(&self, name: &str) -> bool {
         self.left.iter().any(|(own, _)| own == name)
     }
 
     /// Refuses settings of other names.
-    pub(crate) fn only(&self, names: &[&'static str]) -> Result<()> {
+    pub fn only(&self, names: &[&'static str]) -> Result<()> {
         let other = self
             .left
             .iter()
@@ -124,7 +136,7 @@ impl Said {
         }
         match of(&value) {
             Some(taken) => Ok(Some(taken)),
-            None => Err(Failure::invalid(format!(
+            None => Err(Refused(format!(
                 "{name}: expected {expected}, found {value}"
             ))),
         }
@@ -132,10 +144,10 @@ impl Said {
 }
 
 /// Returns the failure for a name that none of the known ones is.
-fn unknown(name: &str, known: &[&'static str]) -> Failure {
+fn unknown(name: &str, known: &[&'static str]) -> Refused {
     let near = known.iter().map(|own| (distance(name, own), *own));
     let near = near.filter(|(distance, own)| *distance <= NEAR.min(own.len() / 2));
-    Failure::invalid(match near.min() {
+    Refused(match near.min() {
         Some((_, near)) => format!("{name}: no such setting here; did you mean {near}?"),
         None => {
             let known = known.join(", ");
@@ -155,7 +167,7 @@ fn count(value: &Value) -> Option<usize> {
 }
 
 impl Arguments for Said {
-    type Error = Failure;
+    type Error = Refused;
 
     fn flag(&mut self, name: &'static str) -> Result<Option<bool>> {
         self.take(name, "true or false", Value::as_bool)
@@ -230,8 +242,8 @@ impl Arguments for Said {
         })
     }
 
-    fn refused(text: impl Into<String>) -> Failure {
-        Failure::invalid(text)
+    fn refused(text: impl Into<String>) -> Refused {
+        Refused(text.into())
     }
 }
 

@@ -1,0 +1,116 @@
+// The command line that makes the picture of the page.
+
+const quoted = (text) => (/^[\w@%+=:,./-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`);
+const list = (numbers) => numbers.map((x) => `${x}`).join(',');
+
+/** The settings of a request, with the names that the module takes. */
+export function request(state, size, tolerance) {
+  const { camera, settings: s } = state;
+  const clip = s.clip ? [s.clip] : undefined;
+  if (s.columns) {
+    return {
+      size,
+      view: camera ?? {},
+      sampling: {},
+      drawing: clean({
+        of: s.of, mean: s.mean, map: s.map, range: s.range, scale: s.scale, tolerance, clip,
+      }),
+    };
+  }
+  const edited = state.function;
+  return {
+    size,
+    view: camera ?? {},
+    sampling: clean({
+      field: s.field,
+      transfer_function: edited ? undefined : s.map,
+      range: edited ? undefined : s.range,
+      scale: edited ? undefined : s.scale,
+      opacity_scale: s.opacity,
+      flatten: s.isosurface,
+      surface: s.surface || undefined,
+    }),
+    drawing: clean({
+      tolerance,
+      composite: s.composite,
+      slab_thickness: s.composite && s.composite !== 'over' ? s.thickness : undefined,
+      lit: s.light === 'on' && !s.direction ? true : s.light === 'off' ? false : undefined,
+      lights: s.light === 'on' && s.direction ? [[...s.direction, 1, 1, 1]] : undefined,
+      clip,
+      background: s.background ? linear(s.background) : undefined,
+      transfer_function: edited ?? undefined,
+    }),
+  };
+}
+
+/** Options for opening a file. */
+export function opening(settings) {
+  return clean({ time_step: settings.step });
+}
+
+function clean(settings) {
+  return Object.fromEntries(Object.entries(settings).filter(([, value]) => value !== undefined && value !== null && value !== ''));
+}
+
+/** Linear colour of #rrggbb. */
+export function linear(hex) {
+  return [1, 3, 5].map((at) => {
+    const code = parseInt(hex.slice(at, at + 2), 16) / 255;
+    return code <= 0.04045 ? code / 12.92 : ((code + 0.055) / 1.055) ** 2.4;
+  });
+}
+
+/** Colour of the background that the program takes by default. */
+export const BACKGROUND = '#1c1c21';
+
+/** The words of the command line, quoted for a shell. */
+export function line(state, name, size, out) {
+  const { camera, settings: s } = state;
+  const words = ['ewa-splat', 'render', name, '--size', size.join('x')];
+  const option = (option, value) => {
+    if (value !== undefined && value !== null && value !== '') words.push(`--${option}`, `${value}`);
+  };
+  option('step', s.step === -1 ? 'last' : s.step);
+  if (camera) {
+    option('eye', list(camera.eye));
+    option('target', list(camera.target));
+    option('up', list(camera.up));
+    option('fov', camera.fov_deg);
+    option('ortho', camera.ortho_height);
+  }
+  if (s.columns) {
+    words.push('--column-density');
+    option('column-of', s.of);
+    option('column-mean', s.mean);
+  } else {
+    option('field', s.field);
+    option('opacity-scale', s.opacity);
+    option('isosurface', s.isosurface);
+    if (s.surface) words.push('--surface');
+  }
+  if (state.function && !s.columns) {
+    option('transfer-function', 'function.json');
+  } else {
+    option('transfer-function', s.map);
+    option('range', s.range && list(s.range));
+    option('scale', s.scale);
+  }
+  option('tolerance', s.tolerance);
+  if (!s.columns) {
+    option('composite', s.composite);
+    if (s.composite && s.composite !== 'over') option('slab-thickness', s.thickness);
+    if (s.light === 'off') words.push('--unlit');
+    if (s.light === 'on' && !s.direction) words.push('--lit');
+    if (s.light === 'on' && s.direction) option('light', list(s.direction));
+    if (s.background !== BACKGROUND) option('background', s.background || 'none');
+  }
+  option('clip', s.clip && list(s.clip));
+  words.push('--out', out);
+  // A value that begins with a minus is joined to its option.
+  return words
+    .map((word, i) => (/^-[\d.]/.test(word) && words[i - 1]?.startsWith('--') ? null : word))
+    .map((word, i) => (word && /^-[\d.]/.test(words[i + 1] ?? '') && word.startsWith('--') ? `${word}=${words[i + 1]}` : word))
+    .filter((word) => word !== null)
+    .map(quoted)
+    .join(' ');
+}

@@ -1,0 +1,159 @@
+// The worker that holds the module and the data. It does one thing at a time, in the order of messages.
+
+let module, scene, device, last;
+const state = { simd: false, backend: '' };
+
+// The smallest module that has an instruction on vectors.
+const SIMD = new Uint8Array([0, 97, 115, 109, 1, 0, 0, 0, 1, 5, 1, 96, 0, 1, 123, 3, 2, 1, 0, 10, 10, 1, 8, 0, 65, 0, 253, 15, 253, 98, 11]);
+
+/** Loads the module, compiled for vectors where the browser has them, and opens a device. */
+async function start({ backend, simd }) {
+  state.simd = simd !== 'off' && WebAssembly.validate(SIMD);
+  const folder = new URL(state.simd ? 'simd/' : 'plain/', import.meta.url);
+  module = await import(new URL('ewa_splat.js', folder));
+  await module.default({ module_or_path: new URL('ewa_splat_bg.wasm', folder) });
+  let why = 'chosen';
+  if (backend !== 'cpu') {
+    [device, why] = await opened(backend === 'gpu');
+    if (!device && backend === 'gpu') throw new Error(`backend: expected WebGPU, found none: ${why}`);
+  }
+  return {
+    version: module.version(),
+    maps: module.colourMaps(),
+    endings: module.endings(),
+    simd: state.simd,
+    adapter: device?.adapter ?? null,
+    why,
+  };
+}
+
+/** Opens a device of WebGPU, or says why the processor draws. An adapter in software is slower than the processor. */
+async function opened(isAskedFor) {
+  if (!navigator.gpu) return [null, 'no WebGPU'];
+  try {
+    const adapter = await navigator.gpu.requestAdapter();
+    if (!adapter) return [null, 'no adapter'];
+    const info = adapter.info ?? {};
+    const name = `${info.vendor} ${info.architecture} ${info.device} ${info.description}`;
+    const isSoftware = info.isFallbackAdapter || adapter.isFallbackAdapter || /swiftshader|llvmpipe/i.test(name);
+    if (isSoftware && !isAskedFor) return [null, 'an adapter in software alone'];
+    return [await module.Device.open(), ''];
+  } catch (error) {
+    return [null, error.message ?? `${error}`];
+  }
+}
+
+/** The parts of a path without `.` and `..`. */
+function plain(path) {
+  const parts = [];
+  for (const part of path.replaceAll('\\', '/').split('/')) {
+    if (part === '..') parts.pop();
+    else if (part !== '.' && part !== '') parts.push(part);
+  }
+  return parts.join('/');
+}
+
+/** Returns a function that reads other files: of those given, or from the same address. */
+function reader(files, base) {
+  const named = new Map(files.map(({ name, file }) => [plain(name), file]));
+  const bytes = (file) => new Uint8Array(new FileReaderSync().readAsArrayBuffer(file));
+  return (path) => {
+    const wanted = plain(path);
+    const given = named.get(wanted) ?? [...named].find(([name]) => name.split('/').pop() === wanted.split('/').pop())?.[1];
+    if (given) return bytes(given);
+    if (!base) return undefined;
+    const request = new XMLHttpRequest();
+    request.open('GET', new URL(wanted, base), false);
+    request.responseType = 'arraybuffer';
+    try {
+      request.send();
+    } catch {
+      return undefined;
+    }
+    return request.status === 200 ? new Uint8Array(request.response) : undefined;
+  };
+}
+
+const calls = {
+  start,
+
+  /** Opens one of several files. */
+  open({ name, files, base, settings }) {
+    close();
+    const beside = reader(files, base);
+    const main = files.find((file) => file.name === name).file;
+    const bytes = new Uint8Array(new FileReaderSync().readAsArrayBuffer(main));
+    scene = module.Scene.open(name, bytes, JSON.stringify(settings), beside);
+    if (device) scene.on(device);
+    return { ...JSON.parse(scene.about), memory: module.memoryBytes() };
+  },
+
+  /** Draws a picture or columns. */
+  async draw({ columns, request }) {
+    forget();
+    const begun = performance.now();
+    last = columns ? scene.columns(JSON.stringify(request)) : await scene.render(JSON.stringify(request));
+    const pixels = last.pixels();
+    const about = JSON.parse(last.about);
+    return { pixels, about, size: request.size, ms: performance.now() - begun, memory: module.memoryBytes() };
+  },
+
+  /** Measures the error of the last picture. */
+  measure() {
+    const measured = scene.measure();
+    return measured ? JSON.parse(measured) : null;
+  },
+
+  /** The function of the last picture, and the counts of values over its range. */
+  function({ bins }) {
+    const text = scene.function();
+    return text ? { function: JSON.parse(text), counts: scene.histogram(bins) } : null;
+  },
+
+  /** A colour map as a function over 0 to 1. */
+  map({ name }) {
+    return JSON.parse(module.mapFunction(name));
+  },
+
+  png() {
+    return last.png();
+  },
+
+  floats() {
+    return last.floats?.() ?? last.values();
+  },
+
+  memory() {
+    return module.memoryBytes();
+  },
+};
+
+function forget() {
+  last?.free();
+  last = undefined;
+}
+
+/** Frees the data. */
+function close() {
+  forget();
+  scene?.free();
+  scene = undefined;
+}
+
+let queue = Promise.resolve();
+onmessage = ({ data: { id, call, ...given } }) => {
+  queue = queue.then(async () => {
+    try {
+      const found = await calls[call](given);
+      const bytes = found?.pixels ?? (ArrayBuffer.isView(found) ? found : null);
+      postMessage({ id, found }, bytes ? [bytes.buffer] : []);
+    } catch (error) {
+      // A module that has stopped is not used again.
+      const stopped = error instanceof WebAssembly.RuntimeError;
+      const text = stopped
+        ? `the program has stopped: ${globalThis.panicked ?? 'most likely the data do not fit into 4 GiB, the most that a page has'}`
+        : error.message ?? `${error}`;
+      postMessage({ id, error: text, stopped });
+    }
+  });
+};
