@@ -23,7 +23,8 @@
  *   Processes of an MPI job may hold one set of data in parts (ewa_renderer_new_mpi). All ranks call the functions that
  *   take such a renderer, but for ewa_renderer_adapter, in the same order with the same settings, and free it together. The
  *   first rank alone gets pictures. An error on one rank is an error on all: EWA_OTHER_RANK, with the text and the number of
- *   the rank, where the fault is not. Only EWA_INTERNAL may leave other ranks waiting: end the job then, by MPI_Abort.
+ *   the rank, where the fault is not. Other ranks may be left waiting by EWA_INTERNAL, a NULL
+ *   renderer, and a communicator that one rank refuses: end the job then, by MPI_Abort.
  *
  * Settings
  *   Settings and options are JSON objects in UTF-8: {"tolerance": 0.01, "composite": "slabs"}. NULL and "" are none.

@@ -904,8 +904,8 @@ pub(crate) unsafe extern "C" fn ewa_renderer_set_transfer(
         // SAFETY: as the header demands.
         let (renderer, transfer) = unsafe { (of(renderer, "renderer")?, transfer.as_ref()) };
         let choice = transfer.map(|transfer| transfer.0.clone());
-        let set = with_workers(|| renderer.0.lock(&Task::new())?.set_transfer(choice));
-        Ok(renderer.0.agreed("ewa_renderer_set_transfer", set)?)
+        with_workers(|| renderer.0.set_transfer(choice, &Task::new()))?;
+        Ok(())
     })
 }
 

@@ -27,29 +27,32 @@ pub struct RasterSpec {
     pub axes: Axes,
     /// True if any kernel may cross the camera plane.
     pub near: bool,
-    /// Greatest number of layers that a pixel keeps open: 1, or one of [`layer_slots`] for slabs.
+    /// Greatest number of layers that a pixel keeps open: 1, or one of [`LAYER_SLOTS`] for slabs.
     pub slots: u32,
     /// True if open layers may have to be carried from one dispatch to the next.
     pub carries: bool,
 }
 
 /// Numbers of open layers for which there are pipelines.
-const LAYER_SLOTS: [u32; 5] = [16, 32, 64, 160, 256];
+const LAYER_SLOTS: [u32; 5] = [16, 32, 64, LIT_SLOTS, 256];
+/// Number that lit layers alone have.
+const LIT_SLOTS: u32 = 160;
 
-/// Returns the numbers of open layers for which a device has pipelines.
+/// Returns the number of open layers of the smallest pipeline that has `layers`, or of the largest one.
 ///
 /// - `is_lit`: true if layers are lit.
-pub(super) fn layer_slots(gpu: &Gpu, is_lit: bool) -> impl DoubleEndedIterator<Item = u32> + Clone {
+pub(super) fn slots_for(gpu: &Gpu, is_lit: bool, layers: u32) -> u32 {
     // A layer and its derivatives take 48 bytes of a thread's own memory: more layers than 160 take more than WGSL
     // guarantees.
     let last = if is_lit && !gpu.has_more_private_memory() {
-        160
+        LIT_SLOTS
     } else {
-        256
+        LAYER_SLOTS[LAYER_SLOTS.len() - 1]
     };
-    LAYER_SLOTS
+    let mut slots = LAYER_SLOTS
         .into_iter()
-        .filter(move |slots| *slots <= last && (is_lit || *slots != 160))
+        .filter(|slots| *slots <= last && (is_lit || *slots != LIT_SLOTS));
+    slots.find(|slots| layers <= *slots).unwrap_or(last)
 }
 
 /// Sources that all variants share.
@@ -170,7 +173,7 @@ pub(super) fn shaders() -> Vec<Shader> {
         add(Accumulate::Sheets, Classify::Particle, 1);
         for slots in LAYER_SLOTS {
             add(Accumulate::Slabs, Classify::Slab { is_lit: true }, slots);
-            if slots != 160 {
+            if slots != LIT_SLOTS {
                 add(Accumulate::Slabs, Classify::Particle, slots);
                 add(Accumulate::Slabs, Classify::Slab { is_lit: false }, slots);
                 add(Accumulate::Maximum, Classify::Slab { is_lit: false }, slots);

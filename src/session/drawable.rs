@@ -89,7 +89,7 @@ impl Drawable {
 
     /// Opens a file whose bytes are in memory, as [`open`](Self::open) does from the disk. Folders cannot be listed.
     ///
-    /// - `beside`: returns the bytes of other files that it names, by their paths relative to the folder of `name`.
+    /// - `beside`: returns the bytes of other files that it names, by their paths, which begin with the folder of `name`.
     ///
     /// # Errors
     /// The errors of [`open`](Self::open); `beside` returns `None` for a file that is needed.
@@ -199,14 +199,23 @@ impl Drawable {
     /// Returns the same data, sampled with other options. Units stay as they were given first.
     ///
     /// # Errors
-    /// A field that all data sets lack; the boundary of data that are surfaces themselves.
+    /// A field that all data sets lack; the boundary of data that are surfaces themselves; surfels, which no options
+    /// concern.
     pub fn sampled_by(&self, sampling: &Sampling) -> Result<Self> {
         let mut sets: Vec<Arc<Dataset>> = Vec::new();
         for source in &self.sources {
+            let Data::Set(set) = &source.data else {
+                let expected = "data that are sampled";
+                return Err(Error::invalid(
+                    "scene",
+                    "kind",
+                    expected,
+                    "surfels",
+                    "make them again",
+                ));
+            };
             // A volume and its boundary have one data set.
-            if let Data::Set(set) = &source.data
-                && !sets.last().is_some_and(|last| Arc::ptr_eq(last, set))
-            {
+            if !sets.last().is_some_and(|last| Arc::ptr_eq(last, set)) {
                 sets.push(Arc::clone(set));
             }
         }

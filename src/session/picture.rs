@@ -162,7 +162,7 @@ impl Session {
             check_legend(request, state.opened(&camera)?)?;
             (state.take_ready(), camera, settings)
         };
-        let Some(mut ready) = ready else {
+        let Some((mut ready, changes)) = ready else {
             unreachable!("it was opened above")
         };
         let drawn = ready.renderer.render_async(&camera, &settings).await;
@@ -175,7 +175,7 @@ impl Session {
                 further,
             )
         });
-        self.lock(task)?.put_ready(ready);
+        self.lock(task)?.put_ready((ready, changes));
         drawn
     }
 }

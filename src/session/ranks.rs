@@ -439,9 +439,12 @@ fn add(known: &mut Vec<FieldChoice>, own: FieldChoice) {
     match known.iter_mut().find(|known| known.name == own.name) {
         None => known.push(own),
         Some(known) => {
-            for (known, [low, high]) in known.ranges.iter_mut().zip(own.ranges) {
-                *known = [known[0].min(low), known[1].max(high)];
+            let count = known.ranges.len();
+            for (known, [low, high]) in known.ranges.iter_mut().zip(&own.ranges) {
+                *known = [known[0].min(*low), known[1].max(*high)];
             }
+            // A part without finite values has no ranges.
+            known.ranges.extend(own.ranges.into_iter().skip(count));
         }
     }
 }

@@ -60,6 +60,8 @@ pub struct State {
     /// Last transfer function given for all data.
     transfer: Option<TransferChoice>,
     keep_shapes: bool,
+    /// Number of changes of values and of the device.
+    changes: u64,
     ready: Option<Ready>,
 }
 
@@ -152,10 +154,10 @@ impl State {
         let spreads = self.spreads(purpose, camera, clip)?;
         let counts = spreads.iter().map(|own| own.map(|(_, count)| count));
         let counts: Vec<Option<usize>> = counts.collect();
-        let mut options = Vec::new();
-        for ((_, source), spread) in self.sources().zip(&spreads) {
+        let sources = self.sources().zip(&spreads);
+        let options = sources.map(|((_, source), spread)| {
             let own = source.options.clone();
-            let own = SampleOptions {
+            Ok(SampleOptions {
                 kernels: KernelOptions {
                     spread: spread.map_or(own.kernels.spread, |(spread, _)| spread),
                     ..own.kernels
@@ -177,9 +179,13 @@ impl State {
                 },
                 task: Some(task.clone()),
                 ..own
-            };
-            options.push(own);
-        }
+            })
+        });
+        let options: Result<Vec<SampleOptions>> = options.collect();
+        let mut options = match &self.parts {
+            None => options?,
+            Some(parts) => parts.agree(options)?,
+        };
         if let Some(parts) = &self.parts {
             let things: Vec<(usize, &Source)> = self.sources().collect();
             return parts.sample(&things, options, purpose, counts);
@@ -357,17 +363,56 @@ impl State {
     #[cfg(feature = "gpu")]
     pub fn set_device(&mut self, device: Option<Gpu>) {
         self.device = device;
+        self.changes += 1;
         self.ready = None;
     }
 
-    /// Takes the ready scene, while a device draws it.
-    pub(crate) fn take_ready(&mut self) -> Option<Ready> {
-        self.ready.take()
+    /// Takes the ready scene, while a device draws it, with the number of changes of the data until now.
+    #[cfg(feature = "gpu")]
+    pub(super) fn take_ready(&mut self) -> Option<(Ready, u64)> {
+        let changes = self.changes;
+        self.ready.take().map(|ready| (ready, changes))
     }
 
-    /// Puts back a scene that was taken.
-    pub(crate) fn put_ready(&mut self, ready: Ready) {
-        self.ready = Some(ready);
+    /// Puts back a scene that was taken, unless the data have changed or another scene has been made.
+    #[cfg(feature = "gpu")]
+    pub(super) fn put_ready(&mut self, (ready, changes): (Ready, u64)) {
+        if changes == self.changes && self.ready.is_none() {
+            self.ready = Some(ready);
+        }
+    }
+
+    /// Returns a drawable with other values.
+    fn replaced(&self, thing: usize, values: Values) -> Result<Arc<Drawable>> {
+        let Some(old) = self.things.get(thing) else {
+            let (expected, found) = (format!("one of {}", self.things.len()), thing.to_string());
+            return Err(Error::invalid(
+                "scene",
+                "number",
+                expected,
+                found,
+                "name another",
+            ));
+        };
+        Ok(Arc::new(old.with_values(values)?))
+    }
+
+    /// Draws a drawable with other values from now on.
+    fn set_values(&mut self, thing: usize, new: Arc<Drawable>, values: Values) -> Result<()> {
+        self.changes += 1;
+        let quick = self.ready.as_mut().filter(|ready| ready.purpose.shapes);
+        if let Some(ready) = quick
+            && let (first, true) = ready.firsts[thing]
+            && let Some(function) = &ready.functions[first]
+            && values.non_finite_count() == 0
+        {
+            let values = function.value_scale().positions(values);
+            ready.renderer.set_values(first, values)?;
+        } else {
+            self.ready = None;
+        }
+        self.things[thing] = new;
+        Ok(())
     }
 
     /// Returns the ready scene, on a device if a picture of this camera is worth it.
@@ -510,6 +555,7 @@ impl Session {
                 device: None,
                 transfer: None,
                 keep_shapes,
+                changes: 0,
                 ready: None,
             }),
             process: AtomicU32::new(0),
@@ -592,37 +638,30 @@ impl Session {
     /// # Errors
     /// No such drawable; one without a field of values; another number of values.
     pub fn set_values(&self, thing: usize, values: Values, task: &Task) -> Result<()> {
-        let state = self.lock(task)?;
-        let replaced = Self::replaced(state, thing, values);
-        self.agreed("other values", replaced)
+        let mut state = self.lock(task)?;
+        self.check_same("scene", || thing.to_string())?;
+        // No rank takes the values unless all can.
+        let new = self.agreed("other values", state.replaced(thing, values.clone()))?;
+        state.set_values(thing, new, values)
     }
 
-    fn replaced(mut state: MutexGuard<'_, State>, thing: usize, values: Values) -> Result<()> {
-        let count = state.things.len();
-        let Some(old) = state.things.get(thing) else {
-            let (expected, found) = (format!("one of {count}"), thing.to_string());
-            return Err(Error::invalid(
-                "scene",
-                "number",
-                expected,
-                found,
-                "name another",
-            ));
-        };
-        let new = Arc::new(old.with_values(values.clone())?);
-        let quick = state.ready.as_mut().filter(|ready| ready.purpose.shapes);
-        if let Some(ready) = quick
-            && let (first, true) = ready.firsts[thing]
-            && let Some(function) = &ready.functions[first]
-            && values.non_finite_count() == 0
-        {
-            let values = function.value_scale().positions(values);
-            ready.renderer.set_values(first, values)?;
-        } else {
-            state.ready = None;
+    /// Sets a transfer function for all data: see [`State::set_transfer`].
+    ///
+    /// # Errors
+    /// A function that does not fit the data; other functions on other ranks; cancelled work.
+    pub fn set_transfer(&self, choice: Option<TransferChoice>, task: &Task) -> Result<()> {
+        let mut state = self.lock(task)?;
+        self.check_same("transfer function", || format!("{choice:?}"))?;
+        let set = state.set_transfer(choice);
+        self.agreed("a transfer function", set)
+    }
+
+    /// Checks that all ranks say the same; without ranks there is nothing to check.
+    fn check_same(&self, what: &'static str, said: impl FnOnce() -> String) -> Result<()> {
+        match &self.ranks {
+            None => Ok(()),
+            Some(ranks) => ranks.clone().check_same(what, &said()),
         }
-        state.things[thing] = new;
-        Ok(())
     }
 
     /// Returns the adapter that draws, or `None` for the CPU.

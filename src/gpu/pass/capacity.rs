@@ -6,7 +6,7 @@ use crate::constants::TILE_SIZE;
 use crate::error::{Error, Hint, Result};
 use crate::gpu::device::Gpu;
 use crate::gpu::project::near_bytes;
-use crate::gpu::rasterise::layer_slots;
+use crate::gpu::rasterise::slots_for;
 use crate::gpu::scene::Scene;
 use crate::record::Footprint;
 
@@ -27,8 +27,8 @@ pub(super) struct Capacity {
     /// True if exact footprints have been seen. Otherwise the rasteriser is compiled without code for
     /// them.
     pub(super) exact: bool,
-    /// Layers that a pixel keeps open, one of [`layer_slots`]; for slabs.
-    pub(super) slots: u32,
+    /// Greatest number of slabs that a kernel has reached.
+    pub(super) layers: u32,
 }
 
 /// Initial capacity for classified particles of a part.
@@ -36,7 +36,6 @@ const FIRST_CLASSIFIED: u32 = 1 << 18;
 /// The same for merged particles, of which a frame draws few.
 const FIRST_MERGED: u32 = 1 << 14;
 const FIRST_ENTRIES: u32 = 1 << 20;
-const FIRST_SLOTS: u32 = 16;
 
 /// Greatest number of entries of a chunk's lists: 1 GiB of them. Beyond it, a frame takes smaller chunks.
 /// This also bounds the time of one submission, for systems that abort submissions after seconds.
@@ -65,7 +64,7 @@ impl Capacity {
             entries: FIRST_ENTRIES.min(entries_limit(binding_bytes) as u32),
             chunk: chunk_limit(binding_bytes),
             exact: false,
-            slots: FIRST_SLOTS,
+            layers: 0,
         }
     }
 
@@ -106,11 +105,11 @@ impl Capacity {
             grown.exact = true;
         }
         let layers = seen.tiles.layers_needed;
-        if kind.axes.accumulate.cuts_slabs() && layers > grown.slots {
-            let mut slots = layer_slots(gpu, kind.axes.has_slopes());
-            let most = slots.clone().next_back().unwrap_or(FIRST_SLOTS);
+        let is_lit = kind.axes.has_slopes();
+        if kind.axes.accumulate.cuts_slabs() && layers > slots_for(gpu, is_lit, grown.layers) {
+            let most = slots_for(gpu, is_lit, layers);
             check(gpu, "slabs that a kernel reaches", layers, most.into())?;
-            grown.slots = slots.find(|slots| layers <= *slots).unwrap_or(most);
+            grown.layers = layers;
         }
         if seen.needed_entries > grown.entries {
             let most = entries_limit(limit);

@@ -10,7 +10,7 @@ use crate::error::{Error, Hint, Result};
 use crate::frame::plan::Draws;
 use crate::gpu::bin::MAX_BAND_TILES;
 use crate::gpu::device::Gpu;
-use crate::gpu::rasterise::{RasterSpec, slice_of};
+use crate::gpu::rasterise::{RasterSpec, slice_of, slots_for};
 use crate::gpu::scene::Scene;
 use crate::gpu::surface::SurfaceSpec;
 use crate::record::PartState;
@@ -117,7 +117,7 @@ impl Pass {
             },
             near,
             slots: if kind.axes.accumulate.cuts_slabs() {
-                self.capacity.slots
+                slots_for(gpu, kind.axes.has_slopes(), self.capacity.layers)
             } else {
                 1
             },

@@ -209,15 +209,23 @@ fn on_first(
         unreachable!("the caller matched the geometry")
     };
     let of = |field: &Field| match &field.source {
-        FieldSource::Scalar(values) if values.len() == positions.len() => Some(values.clone()),
-        _ => None,
+        FieldSource::Scalar(values) if values.len() == positions.len() => Ok(values.clone()),
+        _ => Err(Error::invalid(
+            "scene",
+            format!("column {}", field.name),
+            "a number for each point, because sizes need more than neighbours",
+            "vectors, or a column of another one",
+            "give sizes and volumes, or leave the column out",
+        )),
     };
-    let columns: Option<Vec<_>> = dataset.fields.iter().map(of).collect();
-    let count = u32::try_from(positions.len()).ok();
-    let gathered = columns.zip(count).ok_or_else(|| {
-        let expected = "at most 4,294,967,295 with one number in each column";
-        let advice = "give sizes and volumes, and numbers for vectors";
-        Error::invalid("scene", "points", expected, "others", advice)
+    let columns: Result<Vec<_>> = dataset.fields.iter().map(of).collect();
+    let gathered = columns.and_then(|columns| {
+        let count = u32::try_from(positions.len()).map_err(|_| {
+            let (expected, found) = ("at most 4,294,967,295 on a rank", positions.len());
+            let advice = "give sizes and volumes";
+            Error::invalid("scene", "points", expected, found.to_string(), advice)
+        })?;
+        Ok((columns, count))
     });
     let (columns, count) = ranks.agree(gathered)?;
     let mut to = vec![Vec::new(); ranks.size()];

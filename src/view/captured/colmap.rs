@@ -1,6 +1,6 @@
 //! Reads the cameras of COLMAP's models, as text or binary.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -106,9 +106,15 @@ fn lens(
 impl Model {
     /// Reads the cameras, in the order of their pictures' names.
     pub(super) fn read(&self) -> Result<Vec<Stated>> {
-        let (lenses, images) = match self.is_binary {
-            true => (binary_lenses(&self.cameras)?, binary_images(&self.images)?),
-            false => (text_lenses(&self.cameras)?, text_images(&self.images)?),
+        let images = match self.is_binary {
+            true => binary_images(&self.images)?,
+            false => text_images(&self.images)?,
+        };
+        // A lens that no picture uses may be of any kind.
+        let used: BTreeSet<u32> = images.iter().map(|image| image.camera).collect();
+        let lenses = match self.is_binary {
+            true => binary_lenses(&self.cameras, &used)?,
+            false => text_lenses(&self.cameras, &used)?,
         };
         let mut cameras: Vec<Stated> = Vec::new();
         for image in images {
@@ -172,7 +178,7 @@ fn lines(path: &Path) -> Result<impl Iterator<Item = Result<(usize, String)>>> {
     Ok(lines.filter(|line| !line.as_ref().is_ok_and(|(_, line)| line.starts_with('#'))))
 }
 
-fn text_lenses(path: &Path) -> Result<BTreeMap<u32, Lens>> {
+fn text_lenses(path: &Path, used: &BTreeSet<u32>) -> Result<BTreeMap<u32, Lens>> {
     let mut all = BTreeMap::new();
     for line in lines(path)? {
         let (number, line) = line?;
@@ -194,7 +200,9 @@ fn text_lenses(path: &Path) -> Result<BTreeMap<u32, Lens>> {
         let [width, height, parameters @ ..] = numbers.as_slice() else {
             return Err(wrong());
         };
-        all.insert(id, lens(path, id, model, [*width, *height], parameters)?);
+        if used.contains(&id) {
+            all.insert(id, lens(path, id, model, [*width, *height], parameters)?);
+        }
     }
     Ok(all)
 }
@@ -270,7 +278,7 @@ impl Binary<'_> {
     }
 }
 
-fn binary_lenses(path: &Path) -> Result<BTreeMap<u32, Lens>> {
+fn binary_lenses(path: &Path, used: &BTreeSet<u32>) -> Result<BTreeMap<u32, Lens>> {
     let mut file = Binary(path, open(path)?);
     let mut all = BTreeMap::new();
     for _ in 0..file.u64()? {
@@ -288,7 +296,9 @@ fn binary_lenses(path: &Path) -> Result<BTreeMap<u32, Lens>> {
             )
         })?;
         let numbers: Vec<f64> = (0..count).map(|_| file.f64()).collect::<Result<_>>()?;
-        all.insert(id, lens(path, id, model, size, &numbers)?);
+        if used.contains(&id) {
+            all.insert(id, lens(path, id, model, size, &numbers)?);
+        }
     }
     Ok(all)
 }

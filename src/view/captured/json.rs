@@ -16,6 +16,7 @@ struct Lens {
     camera_model: Option<String>,
     is_fisheye: Option<bool>,
     camera_angle_x: Option<f64>,
+    camera_angle_y: Option<f64>,
     fl_x: Option<f64>,
     fl_y: Option<f64>,
     cx: Option<f64>,
@@ -85,6 +86,17 @@ struct Three {
     zoom: Option<f64>,
     top: Option<f64>,
     bottom: Option<f64>,
+    left: Option<f64>,
+    right: Option<f64>,
+    #[serde(rename = "filmOffset")]
+    film_offset: Option<f64>,
+    view: Option<SubView>,
+}
+
+/// A part of a larger picture.
+#[derive(Deserialize)]
+struct SubView {
+    enabled: Option<bool>,
 }
 
 /// Reads the cameras of a text; `None` if it is JSON of another kind, or no JSON.
@@ -170,6 +182,13 @@ fn angle(path: &Path, name: &str, radians: f64) -> Result<f64> {
 impl Lens {
     /// Returns the lens of a frame: what the frame leaves open is the capture's.
     fn or(&self, whole: &Self) -> Self {
+        let has_angle = self.camera_angle_x.is_some() && self.fl_x.is_none();
+        let whole = &Self {
+            // A frame's own angle is its focal length.
+            fl_x: whole.fl_x.filter(|_| !has_angle),
+            fl_y: whole.fl_y.filter(|_| !has_angle),
+            ..whole.clone()
+        };
         Self {
             camera_model: self
                 .camera_model
@@ -177,6 +196,9 @@ impl Lens {
                 .or_else(|| whole.camera_model.clone()),
             is_fisheye: self.is_fisheye.or(whole.is_fisheye),
             camera_angle_x: self.camera_angle_x.or(whole.camera_angle_x),
+            camera_angle_y: self
+                .camera_angle_y
+                .or(whole.camera_angle_y.filter(|_| !has_angle)),
             fl_x: self.fl_x.or(whole.fl_x),
             fl_y: self.fl_y.or(whole.fl_y),
             cx: self.cx.or(whole.cx),
@@ -234,25 +256,38 @@ impl Lens {
             }
             _ => None,
         };
-        match (self.fl_x, size) {
-            (Some(fl_x), Some(size)) => {
-                let half = DVec2::from(size.map(|n| n as f64)) / 2.0;
-                Ok(Optics::Calibrated {
-                    focal_px: DVec2::new(fl_x, self.fl_y.unwrap_or(fl_x)),
-                    centre_px: DVec2::new(self.cx.unwrap_or(half.x), self.cy.unwrap_or(half.y)),
-                    size,
-                })
-            }
-            _ => match self.camera_angle_x {
-                Some(radians) => Ok(Optics::Horizontal(angle(path, name, radians)?, size)),
-                None => Err(fault(
+        let of_angle = |radians: f64, side: usize| {
+            angle(path, name, radians).map(|radians| side as f64 / 2.0 / (radians / 2.0).tan())
+        };
+        let Some([width, height]) = size else {
+            return match (self.camera_angle_x, self.fl_x, self.cx.or(self.cy)) {
+                (Some(radians), None, None) => {
+                    Ok(Optics::Horizontal(angle(path, name, radians)?, None))
+                }
+                _ => Err(fault(
                     path,
                     place(),
-                    "fl_x with w and h, or camera_angle_x",
-                    "neither",
+                    "w and h, or camera_angle_x alone",
+                    "other numbers of a lens",
                 )),
-            },
-        }
+            };
+        };
+        let focal_x = match (self.fl_x, self.camera_angle_x) {
+            (Some(fl_x), _) => fl_x,
+            (None, Some(radians)) => of_angle(radians, width)?,
+            (None, None) => return Err(fault(path, place(), "fl_x or camera_angle_x", "neither")),
+        };
+        let focal_y = match (self.fl_y, self.camera_angle_y) {
+            (Some(fl_y), _) => fl_y,
+            (None, Some(radians)) => of_angle(radians, height)?,
+            (None, None) => focal_x,
+        };
+        let half = DVec2::new(width as f64, height as f64) / 2.0;
+        Ok(Optics::Calibrated {
+            focal_px: DVec2::new(focal_x, focal_y),
+            centre_px: DVec2::new(self.cx.unwrap_or(half.x), self.cy.unwrap_or(half.y)),
+            size: [width, height],
+        })
     }
 }
 
@@ -342,6 +377,25 @@ fn of_path(path: &Path, frames: FramesOfPath) -> Result<Vec<Stated>> {
 fn of_three(path: &Path, three: &Three) -> Result<Vec<Stated>> {
     let name = three.name.clone().unwrap_or_else(|| "0".into());
     let zoom = three.zoom.unwrap_or(1.0);
+    let is_part = three
+        .view
+        .as_ref()
+        .is_some_and(|view| view.enabled == Some(true));
+    let middle = |a: Option<f64>, b: Option<f64>| a.zip(b).map_or(0.0, |(a, b)| a + b);
+    let off = middle(three.left, three.right).abs() + middle(three.top, three.bottom).abs();
+    let size = three
+        .top
+        .zip(three.bottom)
+        .map_or(1.0, |(a, b)| (a - b).abs());
+    if is_part || off > 1e-6 * size || three.film_offset.is_some_and(|offset| offset != 0.0) {
+        let expected = "a camera whose axis is in the middle of the picture";
+        return Err(fault(
+            path,
+            "object",
+            expected,
+            "a view, a film's offset or a frustum beside the axis",
+        ));
+    }
     let optics = match (three.kind.as_str(), three.fov, three.top.zip(three.bottom)) {
         ("PerspectiveCamera", Some(fov), _) => {
             let half = angle(path, &name, fov.to_radians())? / 2.0;

@@ -183,8 +183,10 @@ impl Stated {
                 centre_px,
                 size,
             } => {
-                let scale = DVec2::new(width, height) / DVec2::from(size.map(|n| n as f64));
-                (focal_px * scale, centre_px * scale)
+                // A picture of another shape shows more at two sides: pixels stay square.
+                let own = DVec2::from(size.map(|n| n as f64));
+                let scale = (DVec2::new(width, height) / own).min_element();
+                (focal_px * scale, (centre_px - own / 2.0) * scale + half)
             }
             Optics::Horizontal(angle, _) => (DVec2::splat(half.x / (angle / 2.0).tan()), half),
             Optics::Vertical(angle, _) => (DVec2::splat(half.y / (angle / 2.0).tan()), half),
@@ -368,6 +370,10 @@ mod tests {
             [cameras[0].camera.width, cameras[0].camera.height],
             [64, 48]
         );
+        // A picture of another shape is not stretched: the whole capture lies in its middle.
+        let wide = read_sequence(&fixture("text"), Some([1280, 480]), DEFAULT_SIZE).unwrap();
+        let at = wide[1].camera.project(POINT).unwrap();
+        assert!(at.distance(DVec2::from(TWO) + DVec2::new(320.0, 0.0)) < 1e-6);
     }
 
     #[test]
