@@ -83,9 +83,7 @@ impl Said {
         for (name, value) in entries {
             let name = name.replace('-', "_");
             if left.iter().any(|(own, _)| *own == name) {
-                return Err(Refused(format!(
-                    "{name}: expected it once, found it twice"
-                )));
+                return Err(Refused(format!("{name}: expected it once, found it twice")));
             }
             left.push((name, value));
         }

@@ -14,7 +14,7 @@ const COARSE = 5;
 /** Time without a change after which a picture is refined, ms. */
 const REST_MS = 160;
 /** The longest picture whose error is measured, ms. */
-const MEASURED_MS = 4000;
+const MEASURED_MS = 10_000;
 
 const state = {
   files: [],
@@ -378,7 +378,7 @@ function savedSize() {
 
 function writeCommand() {
   try {
-    at('command').value = command.line(state, state.name, savedSize(), 'picture.png');
+    at('command').value = command.line(state, state.name, savedSize(), `picture.${at('format').value}`);
   } catch (error) {
     at('command').value = error.message;
   }
@@ -627,12 +627,22 @@ button('save', async () => {
   try {
     const request = command.request(state, size, state.settings.tolerance);
     await call('draw', { columns: state.settings.columns, request });
-    save('picture.png', await call('png'), 'image/png');
+    if (at('format').value === 'npy') save('picture.npy', npy(await call('floats'), size), 'application/octet-stream');
+    else save('picture.png', await call('png'), 'image/png');
   } finally {
     isDrawing = false;
     redraw(false);
   }
 });
+/** A file of NumPy: linear, premultiplied numbers, or the values of columns. */
+function npy(numbers, [width, height]) {
+  const shape = numbers.length === width * height ? `${height}, ${width}` : `${height}, ${width}, 4`;
+  const text = `{'descr': '<f4', 'fortran_order': False, 'shape': (${shape}), }`;
+  const padded = text.padEnd(128 - 10 - 1) + '\n';
+  const head = Uint8Array.from([0x93, ...'NUMPY\x01\x00'].map((c) => (typeof c === 'number' ? c : c.charCodeAt(0))));
+  return new Blob([head, new Uint8Array([padded.length, 0]), padded, numbers]);
+}
+
 button('saveFunction', async () => {
   const f = state.function ?? automatic;
   if (!f) throw new Error('transfer function: expected data with a field, found none');
@@ -692,9 +702,9 @@ document.addEventListener('drop', async (event) => {
   const plain = [...files].map((file) => ({ name: file.name, file }));
   given(listed.length ? await entries(listed) : plain).catch(tell);
 });
-for (const id of ['width', 'height']) {
+for (const id of ['width', 'height', 'format']) {
   at(id).addEventListener('change', () => {
-    isSized = true;
+    isSized = isSized || id !== 'format';
     writeCommand();
   });
 }

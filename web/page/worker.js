@@ -145,8 +145,8 @@ onmessage = ({ data: { id, call, ...given } }) => {
   queue = queue.then(async () => {
     try {
       const found = await calls[call](given);
-      const bytes = found?.pixels ?? (ArrayBuffer.isView(found) ? found : null);
-      postMessage({ id, found }, bytes ? [bytes.buffer] : []);
+      const moved = [found, found?.pixels].filter((bytes) => ArrayBuffer.isView(bytes));
+      postMessage({ id, found }, moved.map((bytes) => bytes.buffer));
     } catch (error) {
       // A module that has stopped is not used again.
       const stopped = error instanceof WebAssembly.RuntimeError;

@@ -244,7 +244,11 @@ impl Scene {
             for i in 0..values.len() {
                 let share = (scale.position(values.wide(i)) - low) / (high - low);
                 if (0.0..=1.0).contains(&share) {
-                    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of a count")]
+                    #[expect(
+                        clippy::cast_possible_truncation,
+                        clippy::cast_sign_loss,
+                        reason = "a share of a count"
+                    )]
                     let bin = (f64::from(share) * bins as f64) as usize;
                     counts[bin.min(bins - 1)] += 1;
                 }
@@ -323,8 +327,17 @@ struct Columns {
 impl Columns {
     fn of(said: &mut Said) -> Result<Self, Refused> {
         said.only(&[
-            "clip", "cutoff", "filter", "low_pass", "mean", "of", "slice", "tolerance", "map",
-            "range", "scale",
+            "clip",
+            "cutoff",
+            "filter",
+            "low_pass",
+            "mean",
+            "of",
+            "slice",
+            "tolerance",
+            "map",
+            "range",
+            "scale",
         ])?;
         let scales = [
             ("linear", ScaleName::Linear),
@@ -362,7 +375,10 @@ impl Columns {
         let (image, bars) = match &colours {
             Some(colours) => {
                 let bar = ColourBar::of_column(&title, colours);
-                (column_picture(&column, colours), vec![legend::described(&bar)])
+                (
+                    column_picture(&column, colours),
+                    vec![legend::described(&bar)],
+                )
             }
             None => (Image::new(column.width, column.height), Vec::new()),
         };
