@@ -30,12 +30,40 @@ let drawn = null;
 
 // ---- the worker -------------------------------------------------------------------------------------------------------
 
+// The smallest module that has an instruction on vectors.
+const SIMD = new Uint8Array([0, 97, 115, 109, 1, 0, 0, 0, 1, 5, 1, 96, 0, 1, 123, 3, 2, 1, 0, 10, 10, 1, 8, 0, 65, 0, 253, 15, 253, 98, 11]);
+
+/** Program and data of a page in one file (`web/export`). */
+const embedded = at('embedded') && JSON.parse(at('embedded').textContent);
+
+/** Unpacks what a page in one file holds. */
+async function unpacked(text) {
+  const packed = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream('gzip'));
+  return new Response(stream).blob();
+}
+
+const hasSimd = embedded || (query.get('simd') !== 'off' && WebAssembly.validate(SIMD));
+
+/** Addresses of the worker and of the module's two files, or their contents. */
+async function sources() {
+  if (!embedded) {
+    const of = (name) => new URL(name, import.meta.url).href;
+    const folder = hasSimd ? 'simd' : 'plain';
+    return { source: of('worker.js'), script: of(`${folder}/ewa_splat.js`), wasm: of(`${folder}/ewa_splat_bg.wasm`) };
+  }
+  const [own, script, wasm] = await Promise.all([embedded.worker, embedded.script, embedded.module].map(unpacked));
+  const source = URL.createObjectURL(new Blob([own], { type: 'text/javascript' }));
+  return { source, script: await script.text(), wasm: await wasm.arrayBuffer(), isText: true };
+}
+
 let worker;
 let calls = new Map();
 let count = 0;
 
-function begin() {
-  worker = new Worker(new URL('worker.js', import.meta.url), { type: 'module' });
+async function begin() {
+  const { source, script, wasm, isText } = await sources();
+  worker = new Worker(source, { type: 'module' });
   worker.onmessage = ({ data: { id, found, error, stopped } }) => {
     const { resolve, reject } = calls.get(id) ?? {};
     calls.delete(id);
@@ -50,7 +78,8 @@ function begin() {
     calls.clear();
     tell(text);
   };
-  return call('start', { backend: query.get('backend'), simd: query.get('simd') });
+  const text = isText ? new TextEncoder().encode(script) : script;
+  return call('start', { backend: query.get('backend'), script: text, wasm });
 }
 
 function call(name, given = {}) {
@@ -89,8 +118,8 @@ function status(words) {
 }
 
 function backEnd() {
-  if (drawn?.about?.adapter) return `WebGPU: ${drawn.about.adapter}`;
-  const simd = program?.simd ? 'with SIMD' : 'without SIMD';
+  if (drawn?.about?.adapter) return `WebGPU: ${program.adapter}`;
+  const simd = hasSimd ? 'with SIMD' : 'without SIMD';
   return `processor, ${simd}${program?.why && program.why !== 'chosen' ? ` (${program.why})` : ''}`;
 }
 
@@ -138,6 +167,8 @@ function legend(bars) {
 // ---- pictures ---------------------------------------------------------------------------------------------------------
 
 let isDrawing = false;
+/** True if the scene was made for another size. */
+let isNew = false;
 let next = null;
 let restTimer;
 let motionScale = 0.4;
@@ -183,7 +214,8 @@ async function draw(isCoarse) {
   const own = state.settings.tolerance ?? 1 / 255;
   const tolerance = isCoarse ? Math.min(own * COARSE, 0.5) : state.settings.tolerance;
   const request = command.request(state, size, tolerance);
-  const found = await call('draw', { columns: state.settings.columns, request });
+  const found = await call('draw', { columns: state.settings.columns, request, isNew });
+  isNew = false;
   // Pictures in motion take about as long as one can wait for.
   if (isCoarse) motionScale = Math.min(1, Math.max(0.1, scale * Math.sqrt(MOTION_MS / Math.max(found.ms, 5)) ** 0.7));
   show({ ...found, isCoarse, tolerance });
@@ -626,11 +658,13 @@ button('save', async () => {
   mark('busy');
   try {
     const request = command.request(state, size, state.settings.tolerance);
-    await call('draw', { columns: state.settings.columns, request });
+    // The scene is made for this size, as the program makes it.
+    await call('draw', { columns: state.settings.columns, request, isNew: true });
     if (at('format').value === 'npy') save('picture.npy', npy(await call('floats'), size), 'application/octet-stream');
     else save('picture.png', await call('png'), 'image/png');
   } finally {
     isDrawing = false;
+    isNew = true;
     redraw(false);
   }
 });
@@ -734,7 +768,11 @@ ready
         tell(`view: expected JSON, found ${error.message}`);
       }
     }
-    if (query.get('data')) {
+    if (embedded) {
+      Object.assign(state, embedded.view);
+      const files = embedded.files.map(async ({ name, data }) => ({ name, file: await unpacked(data) }));
+      await open(await Promise.all(files), embedded.files[0].name);
+    } else if (query.get('data')) {
       Object.assign(state, shared);
       shared = null;
       await fetched(query.get('data'));

@@ -130,7 +130,16 @@ impl Scene {
         self.place(true, true)
     }
 
-    /// What is known of the data, as JSON: `fields`, `notes`, `bounds`, `kinds`.
+    /// Forgets the scene, which the next picture makes for its own size: surfaces get as many surfels as it shows.
+    ///
+    /// # Errors
+    /// A call within another.
+    pub fn renew(&mut self) -> Result<(), JsError> {
+        let is_on_device = self.is_on_device;
+        self.place(is_on_device, true)
+    }
+
+    /// What is known of the data, as JSON: `fields`, `notes`, `bounds`, `up`.
     #[wasm_bindgen(getter)]
     pub fn about(&self) -> String {
         let bounds = self.opened.bounds();
@@ -183,6 +192,7 @@ impl Scene {
         self.last = Some(last);
         Ok(Picture {
             image: drawn.image,
+            depths: drawn.depth,
             about: about.to_string(),
         })
     }
