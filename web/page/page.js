@@ -63,7 +63,8 @@ let count = 0;
 
 async function begin() {
   const { source, script, wasm, isText } = await sources();
-  worker = new Worker(source, { type: 'module' });
+  // No module: browsers load those of pages in one file by no address.
+  worker = new Worker(source);
   worker.onmessage = ({ data: { id, found, error, stopped } }) => {
     const { resolve, reject } = calls.get(id) ?? {};
     calls.delete(id);
@@ -73,7 +74,7 @@ async function begin() {
     } else resolve?.(found);
   };
   worker.onerror = (event) => {
-    const text = `the worker cannot be loaded: ${event.message ?? 'no such file, or a browser without modules in workers'}`;
+    const text = `the worker cannot be loaded: ${event.message ?? 'no such file'}`;
     for (const { reject } of calls.values()) reject(new Error(text));
     calls.clear();
     tell(text);
