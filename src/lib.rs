@@ -196,7 +196,7 @@ pub mod reference;
 pub mod render;
 pub mod sample;
 pub mod scene;
-// The Python package and the C interface use it; it changes without notice.
+// The Python package, the C interface and the page use it; it changes without notice.
 #[cfg(all(feature = "legend", feature = "prepared"))]
 #[doc(hidden)]
 pub mod session;

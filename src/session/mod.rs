@@ -1,4 +1,4 @@
-//! Draws data in memory for front ends in other languages: the Python package and the C interface.
+//! Draws data in memory for front ends in other languages: the Python package, the C interface and the page for browsers.
 //!
 //! [`Drawable`]s hold data sets with their sampling options. A [`Session`] samples them for a picture, keeps the scene for
 //! further pictures, and makes it anew when a picture needs another one. [`Arguments`] are settings by name, which each

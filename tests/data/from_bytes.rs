@@ -71,6 +71,54 @@ fn fixtures_are_the_same() {
     assert!(count >= 16, "{count}");
 }
 
+/// Drawables of front ends: collections, snapshots of several types, errors.
+#[test]
+fn drawables_are_the_same() {
+    use ewa_splat::session::{Data, Drawable, Opening, Said, Sampling, opening, sampling};
+
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
+    let shown = |drawable: &Drawable| {
+        let sets = drawable.sources.iter().map(|source| match &source.data {
+            Data::Set(set) => text(set),
+            Data::Surfels(_) => panic!("no data set"),
+        });
+        sets.collect::<Vec<_>>()
+    };
+    let cases = [
+        ("pieces/duct.vtm", "{}", 1),
+        ("pieces/horn.pvts", "{}", 1),
+        (
+            "gadget_types.h5",
+            r#"{"particle_types": ["gas", "stars"]}"#,
+            2,
+        ),
+        ("image_in_time.vtkhdf", r#"{"time_step": -1}"#, 1),
+        ("wake.q", "{}", 0),
+    ];
+    for (name, settings, count) in cases {
+        let path = folder.join(name);
+        let (how, own): (Opening, Sampling) =
+            Said::all(Some(settings), |said| Ok((opening(said)?, sampling(said)?))).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        let beside = |path: &Path| std::fs::read(path).ok();
+        let file = Drawable::open(&path, &how, &own);
+        let memory = Drawable::open_with(path.to_str().unwrap(), &bytes, &beside, &how, &own);
+        match (file, memory) {
+            (Ok(file), Ok(memory)) => {
+                assert!(shown(&file) == shown(&memory), "{name}");
+                assert!(count > 0 && file.sources.len() >= count, "{name}");
+                // Other options, the same data.
+                let again = memory.sampled_by(&own).unwrap();
+                assert!(shown(&again) == shown(&memory), "{name}");
+            }
+            (Err(file), Err(memory)) => {
+                assert_eq!((file.to_string(), count), (memory.to_string(), 0));
+            }
+            (file, memory) => panic!("{name}: {:?} and {:?}", file.err(), memory.err()),
+        }
+    }
+}
+
 #[test]
 fn real_data_are_the_same() {
     for name in [

@@ -83,6 +83,8 @@ export function line(state, name, size, out) {
     option('column-of', s.of);
     option('column-mean', s.mean);
   } else {
+    // The program fits kernels of grids to the camera; the page draws one set of kernels from all sides.
+    option('refine', 'off');
     option('field', s.field);
     option('opacity-scale', s.opacity);
     option('isosurface', s.isosurface);
@@ -102,7 +104,8 @@ export function line(state, name, size, out) {
     if (s.light === 'off') words.push('--unlit');
     if (s.light === 'on' && !s.direction) words.push('--lit');
     if (s.light === 'on' && s.direction) option('light', list(s.direction));
-    if (s.background !== BACKGROUND) option('background', s.background || 'none');
+    // Pictures in numbers are transparent by default.
+    if (s.background !== BACKGROUND || !out.endsWith('.png')) option('background', s.background || 'none');
   }
   option('clip', s.clip && list(s.clip));
   words.push('--out', out);

@@ -14,7 +14,7 @@ const COARSE = 5;
 /** Time without a change after which a picture is refined, ms. */
 const REST_MS = 160;
 /** The longest picture whose error is measured, ms. */
-const MEASURED_MS = 4000;
+const MEASURED_MS = 10_000;
 
 const state = {
   files: [],
@@ -30,12 +30,41 @@ let drawn = null;
 
 // ---- the worker -------------------------------------------------------------------------------------------------------
 
+// The smallest module that has an instruction on vectors.
+const SIMD = new Uint8Array([0, 97, 115, 109, 1, 0, 0, 0, 1, 5, 1, 96, 0, 1, 123, 3, 2, 1, 0, 10, 10, 1, 8, 0, 65, 0, 253, 15, 253, 98, 11]);
+
+/** Program and data of a page in one file (`web/export`). */
+const embedded = at('embedded') && JSON.parse(at('embedded').textContent);
+
+/** Unpacks what a page in one file holds. */
+async function unpacked(text) {
+  const packed = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream('gzip'));
+  return new Response(stream).blob();
+}
+
+const hasSimd = embedded || (query.get('simd') !== 'off' && WebAssembly.validate(SIMD));
+
+/** Addresses of the worker and of the module's two files, or their contents. */
+async function sources() {
+  if (!embedded) {
+    const of = (name) => new URL(name, import.meta.url).href;
+    const folder = hasSimd ? 'simd' : 'plain';
+    return { source: of('worker.js'), script: of(`${folder}/ewa_splat.js`), wasm: of(`${folder}/ewa_splat_bg.wasm`) };
+  }
+  const [own, script, wasm] = await Promise.all([embedded.worker, embedded.script, embedded.module].map(unpacked));
+  const source = URL.createObjectURL(new Blob([own], { type: 'text/javascript' }));
+  return { source, script: await script.text(), wasm: await wasm.arrayBuffer(), isText: true };
+}
+
 let worker;
 let calls = new Map();
 let count = 0;
 
-function begin() {
-  worker = new Worker(new URL('worker.js', import.meta.url), { type: 'module' });
+async function begin() {
+  const { source, script, wasm, isText } = await sources();
+  // No module: browsers load those of pages in one file by no address.
+  worker = new Worker(source);
   worker.onmessage = ({ data: { id, found, error, stopped } }) => {
     const { resolve, reject } = calls.get(id) ?? {};
     calls.delete(id);
@@ -45,12 +74,13 @@ function begin() {
     } else resolve?.(found);
   };
   worker.onerror = (event) => {
-    const text = `the worker cannot be loaded: ${event.message ?? 'no such file, or a browser without modules in workers'}`;
+    const text = `the worker cannot be loaded: ${event.message ?? 'no such file'}`;
     for (const { reject } of calls.values()) reject(new Error(text));
     calls.clear();
     tell(text);
   };
-  return call('start', { backend: query.get('backend'), simd: query.get('simd') });
+  const text = isText ? new TextEncoder().encode(script) : script;
+  return call('start', { backend: query.get('backend'), script: text, wasm });
 }
 
 function call(name, given = {}) {
@@ -89,8 +119,8 @@ function status(words) {
 }
 
 function backEnd() {
-  if (drawn?.about?.adapter) return `WebGPU: ${drawn.about.adapter}`;
-  const simd = program?.simd ? 'with SIMD' : 'without SIMD';
+  if (drawn?.about?.adapter) return `WebGPU: ${program.adapter}`;
+  const simd = hasSimd ? 'with SIMD' : 'without SIMD';
   return `processor, ${simd}${program?.why && program.why !== 'chosen' ? ` (${program.why})` : ''}`;
 }
 
@@ -138,6 +168,8 @@ function legend(bars) {
 // ---- pictures ---------------------------------------------------------------------------------------------------------
 
 let isDrawing = false;
+/** True if the scene was made for another size. */
+let isNew = false;
 let next = null;
 let restTimer;
 let motionScale = 0.4;
@@ -183,7 +215,8 @@ async function draw(isCoarse) {
   const own = state.settings.tolerance ?? 1 / 255;
   const tolerance = isCoarse ? Math.min(own * COARSE, 0.5) : state.settings.tolerance;
   const request = command.request(state, size, tolerance);
-  const found = await call('draw', { columns: state.settings.columns, request });
+  const found = await call('draw', { columns: state.settings.columns, request, isNew });
+  isNew = false;
   // Pictures in motion take about as long as one can wait for.
   if (isCoarse) motionScale = Math.min(1, Math.max(0.1, scale * Math.sqrt(MOTION_MS / Math.max(found.ms, 5)) ** 0.7));
   show({ ...found, isCoarse, tolerance });
@@ -378,7 +411,7 @@ function savedSize() {
 
 function writeCommand() {
   try {
-    at('command').value = command.line(state, state.name, savedSize(), 'picture.png');
+    at('command').value = command.line(state, state.name, savedSize(), `picture.${at('format').value}`);
   } catch (error) {
     at('command').value = error.message;
   }
@@ -626,13 +659,25 @@ button('save', async () => {
   mark('busy');
   try {
     const request = command.request(state, size, state.settings.tolerance);
-    await call('draw', { columns: state.settings.columns, request });
-    save('picture.png', await call('png'), 'image/png');
+    // The scene is made for this size, as the program makes it.
+    await call('draw', { columns: state.settings.columns, request, isNew: true });
+    if (at('format').value === 'npy') save('picture.npy', npy(await call('floats'), size), 'application/octet-stream');
+    else save('picture.png', await call('png'), 'image/png');
   } finally {
     isDrawing = false;
+    isNew = true;
     redraw(false);
   }
 });
+/** A file of NumPy: linear, premultiplied numbers, or the values of columns. */
+function npy(numbers, [width, height]) {
+  const shape = numbers.length === width * height ? `${height}, ${width}` : `${height}, ${width}, 4`;
+  const text = `{'descr': '<f4', 'fortran_order': False, 'shape': (${shape}), }`;
+  const padded = text.padEnd(128 - 10 - 1) + '\n';
+  const head = Uint8Array.from([0x93, ...'NUMPY\x01\x00'].map((c) => (typeof c === 'number' ? c : c.charCodeAt(0))));
+  return new Blob([head, new Uint8Array([padded.length, 0]), padded, numbers]);
+}
+
 button('saveFunction', async () => {
   const f = state.function ?? automatic;
   if (!f) throw new Error('transfer function: expected data with a field, found none');
@@ -692,9 +737,9 @@ document.addEventListener('drop', async (event) => {
   const plain = [...files].map((file) => ({ name: file.name, file }));
   given(listed.length ? await entries(listed) : plain).catch(tell);
 });
-for (const id of ['width', 'height']) {
+for (const id of ['width', 'height', 'format']) {
   at(id).addEventListener('change', () => {
-    isSized = true;
+    isSized = isSized || id !== 'format';
     writeCommand();
   });
 }
@@ -724,7 +769,11 @@ ready
         tell(`view: expected JSON, found ${error.message}`);
       }
     }
-    if (query.get('data')) {
+    if (embedded) {
+      Object.assign(state, embedded.view);
+      const files = embedded.files.map(async ({ name, data }) => ({ name, file: await unpacked(data) }));
+      await open(await Promise.all(files), embedded.files[0].name);
+    } else if (query.get('data')) {
       Object.assign(state, shared);
       shared = null;
       await fetched(query.get('data'));

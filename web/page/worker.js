@@ -1,17 +1,16 @@
 // The worker that holds the module and the data. It does one thing at a time, in the order of messages.
 
-let module, scene, device, last;
-const state = { simd: false, backend: '' };
+let module, scene, device, adapter, last;
 
-// The smallest module that has an instruction on vectors.
-const SIMD = new Uint8Array([0, 97, 115, 109, 1, 0, 0, 0, 1, 5, 1, 96, 0, 1, 123, 3, 2, 1, 0, 10, 10, 1, 8, 0, 65, 0, 253, 15, 253, 98, 11]);
-
-/** Loads the module, compiled for vectors where the browser has them, and opens a device. */
-async function start({ backend, simd }) {
-  state.simd = simd !== 'off' && WebAssembly.validate(SIMD);
-  const folder = new URL(state.simd ? 'simd/' : 'plain/', import.meta.url);
-  module = await import(new URL('ewa_splat.js', folder));
-  await module.default({ module_or_path: new URL('ewa_splat_bg.wasm', folder) });
+/**
+ * Loads the module and opens a device.
+ *
+ * - `script`, `wasm`: addresses of the module's two files, or their contents.
+ */
+async function start({ backend, script, wasm }) {
+  const address = typeof script === 'string' ? script : URL.createObjectURL(new Blob([script], { type: 'text/javascript' }));
+  module = await import(address);
+  await module.default({ module_or_path: wasm });
   let why = 'chosen';
   if (backend !== 'cpu') {
     [device, why] = await opened(backend === 'gpu');
@@ -21,8 +20,7 @@ async function start({ backend, simd }) {
     version: module.version(),
     maps: module.colourMaps(),
     endings: module.endings(),
-    simd: state.simd,
-    adapter: device?.adapter ?? null,
+    adapter: device ? adapter : null,
     why,
   };
 }
@@ -31,11 +29,12 @@ async function start({ backend, simd }) {
 async function opened(isAskedFor) {
   if (!navigator.gpu) return [null, 'no WebGPU'];
   try {
-    const adapter = await navigator.gpu.requestAdapter();
-    if (!adapter) return [null, 'no adapter'];
-    const info = adapter.info ?? {};
-    const name = `${info.vendor} ${info.architecture} ${info.device} ${info.description}`;
-    const isSoftware = info.isFallbackAdapter || adapter.isFallbackAdapter || /swiftshader|llvmpipe/i.test(name);
+    const found = await navigator.gpu.requestAdapter();
+    if (!found) return [null, 'no adapter'];
+    const { vendor, architecture, device, description, isFallbackAdapter } = found.info ?? {};
+    // Browsers leave out what they do not tell.
+    adapter = [vendor, architecture, device, description].filter(Boolean).join(' ') || 'an adapter without a name';
+    const isSoftware = isFallbackAdapter || found.isFallbackAdapter || /swiftshader|llvmpipe/i.test(adapter);
     if (isSoftware && !isAskedFor) return [null, 'an adapter in software alone'];
     return [await module.Device.open(), ''];
   } catch (error) {
@@ -89,8 +88,9 @@ const calls = {
   },
 
   /** Draws a picture or columns. */
-  async draw({ columns, request }) {
+  async draw({ columns, request, isNew }) {
     forget();
+    if (isNew) scene.renew();
     const begun = performance.now();
     last = columns ? scene.columns(JSON.stringify(request)) : await scene.render(JSON.stringify(request));
     const pixels = last.pixels();
@@ -145,8 +145,8 @@ onmessage = ({ data: { id, call, ...given } }) => {
   queue = queue.then(async () => {
     try {
       const found = await calls[call](given);
-      const bytes = found?.pixels ?? (ArrayBuffer.isView(found) ? found : null);
-      postMessage({ id, found }, bytes ? [bytes.buffer] : []);
+      const moved = [found, found?.pixels].filter((bytes) => ArrayBuffer.isView(bytes));
+      postMessage({ id, found }, moved.map((bytes) => bytes.buffer));
     } catch (error) {
       // A module that has stopped is not used again.
       const stopped = error instanceof WebAssembly.RuntimeError;

@@ -65,8 +65,9 @@ impl GivenView {
                 None => look_at(eye.into(), self.target.map(DVec3::from))?,
             },
             (None, Some(axis)) => Placement::Along {
-                axis: Along::of_name(axis)
-                    .ok_or_else(|| format!("along: expected x, y, z, -x, -y or -z, found {axis}"))?,
+                axis: Along::of_name(axis).ok_or_else(|| {
+                    format!("along: expected x, y, z, -x, -y or -z, found {axis}")
+                })?,
                 centre: None,
                 width: None,
             },

@@ -1,7 +1,7 @@
 //! Column densities that leave the module.
 
-use ewa_splat::{ColumnImage, Image};
 use ewa_splat::io::png_bytes;
+use ewa_splat::{ColumnImage, Image};
 use std::path::Path;
 use wasm_bindgen::prelude::*;
 

@@ -13,6 +13,7 @@ use crate::thrown;
 #[derive(Debug)]
 pub struct Picture {
     pub(crate) image: Image,
+    pub(crate) depths: Option<Vec<f32>>,
     pub(crate) about: String,
 }
 
@@ -26,6 +27,11 @@ impl Picture {
     /// Pixels as linear numbers, premultiplied.
     pub fn floats(&self) -> Vec<f32> {
         self.image.pixels.as_flattened().to_vec()
+    }
+
+    /// Depth of each pixel along the view, if `drawing.depth` asks for it.
+    pub fn depths(&self) -> Option<Vec<f32>> {
+        self.depths.clone()
     }
 
     /// Bytes of the PNG file that the program writes.

@@ -130,7 +130,16 @@ impl Scene {
         self.place(true, true)
     }
 
-    /// What is known of the data, as JSON: `fields`, `notes`, `bounds`, `kinds`.
+    /// Forgets the scene, which the next picture makes for its own size: surfaces get as many surfels as it shows.
+    ///
+    /// # Errors
+    /// A call within another.
+    pub fn renew(&mut self) -> Result<(), JsError> {
+        let is_on_device = self.is_on_device;
+        self.place(is_on_device, true)
+    }
+
+    /// What is known of the data, as JSON: `fields`, `notes`, `bounds`, `up`.
     #[wasm_bindgen(getter)]
     pub fn about(&self) -> String {
         let bounds = self.opened.bounds();
@@ -183,6 +192,7 @@ impl Scene {
         self.last = Some(last);
         Ok(Picture {
             image: drawn.image,
+            depths: drawn.depth,
             about: about.to_string(),
         })
     }
@@ -244,7 +254,11 @@ impl Scene {
             for i in 0..values.len() {
                 let share = (scale.position(values.wide(i)) - low) / (high - low);
                 if (0.0..=1.0).contains(&share) {
-                    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of a count")]
+                    #[expect(
+                        clippy::cast_possible_truncation,
+                        clippy::cast_sign_loss,
+                        reason = "a share of a count"
+                    )]
                     let bin = (f64::from(share) * bins as f64) as usize;
                     counts[bin.min(bins - 1)] += 1;
                 }
@@ -323,8 +337,17 @@ struct Columns {
 impl Columns {
     fn of(said: &mut Said) -> Result<Self, Refused> {
         said.only(&[
-            "clip", "cutoff", "filter", "low_pass", "mean", "of", "slice", "tolerance", "map",
-            "range", "scale",
+            "clip",
+            "cutoff",
+            "filter",
+            "low_pass",
+            "mean",
+            "of",
+            "slice",
+            "tolerance",
+            "map",
+            "range",
+            "scale",
         ])?;
         let scales = [
             ("linear", ScaleName::Linear),
@@ -362,7 +385,10 @@ impl Columns {
         let (image, bars) = match &colours {
             Some(colours) => {
                 let bar = ColourBar::of_column(&title, colours);
-                (column_picture(&column, colours), vec![legend::described(&bar)])
+                (
+                    column_picture(&column, colours),
+                    vec![legend::described(&bar)],
+                )
             }
             None => (Image::new(column.width, column.height), Vec::new()),
         };
