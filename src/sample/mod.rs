@@ -110,6 +110,8 @@ pub(crate) use points::{
     FITTED_NEIGHBOURS, Fitted, Neighbourhoods, PartitionedRows, Surrounded, fit_partition,
     function_of_all, sample_partition, scalars, without_spacing,
 };
+#[cfg(feature = "cli")]
+pub(crate) use positions::index_u32;
 pub(crate) use positions::{compare, is_same, mean_spacing, sort_by_position};
 pub(crate) use report::Found;
 pub use report::{Finding, SampleReport, common_smoothing};

@@ -153,7 +153,7 @@ impl Session {
             unreachable!("it was opened above")
         };
         let drawn = ready.renderer.render_async(&camera, &settings).await;
-        let image = drawn.map(Image::clone);
+        let image = drawn.cloned();
         let drawn =
             image.and_then(|image| finished(request, &mut ready, image, camera, settings, further));
         self.lock(task)?.put_ready(ready);
