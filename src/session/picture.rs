@@ -166,7 +166,7 @@ impl Session {
             unreachable!("it was opened above")
         };
         let drawn = ready.renderer.render_async(&camera, &settings).await;
-        let image = drawn.map(Image::clone);
+        let image = drawn.cloned();
         let drawn = image.and_then(|image| {
             finished(
                 request,

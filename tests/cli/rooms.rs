@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 const ROOMS: [&[&str]; 17] = [
     &[
         "breadth",
+        "clock",
         "collective",
         "constants",
         "error",

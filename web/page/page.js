@@ -752,6 +752,12 @@ new ResizeObserver(() => {
 
 mark('loading');
 let shared = null;
+
+/** A view of a link with what it leaves out. */
+function whole({ camera = null, settings = {}, function: edited = null }) {
+  return { camera, function: edited, settings: { background: command.BACKGROUND, ...settings } };
+}
+
 const ready = begin().then((found) => {
   program = found;
   at('map').replaceChildren(new Option('automatic', ''), ...found.maps.map((name) => new Option(name)));
@@ -762,15 +768,13 @@ ready
   .then(async () => {
     if (query.get('view')) {
       try {
-        shared = JSON.parse(query.get('view'));
-        shared.settings ??= {};
-        shared.settings.background ??= command.BACKGROUND;
+        shared = whole(JSON.parse(query.get('view')));
       } catch (error) {
         tell(`view: expected JSON, found ${error.message}`);
       }
     }
     if (embedded) {
-      Object.assign(state, embedded.view);
+      if (embedded.view) Object.assign(state, whole(embedded.view));
       const files = embedded.files.map(async ({ name, data }) => ({ name, file: await unpacked(data) }));
       await open(await Promise.all(files), embedded.files[0].name);
     } else if (query.get('data')) {
