@@ -605,6 +605,10 @@ fn joined(
 }
 
 #[cfg(test)]
+#[allow(
+    clippy::cast_possible_truncation,
+    reason = "numbers are narrowed on purpose"
+)]
 mod tests {
     use std::ops::Range;
     use std::thread;
