@@ -8,7 +8,7 @@ use ewa_splat::scene::LightFrame;
 use crate::orbit::{Lens, Orbit};
 
 /// Options that the window's state replaces.
-const REPLACED: [&str; 28] = [
+const REPLACED: [&str; 29] = [
     "eye",
     "target",
     "up",
@@ -19,6 +19,7 @@ const REPLACED: [&str; 28] = [
     "zoom",
     "fit",
     "camera",
+    "camera-name",
     "size",
     "tolerance",
     "filter",
