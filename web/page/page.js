@@ -58,10 +58,15 @@ async function sources() {
 }
 
 let worker;
+/** Settles when the module is loaded. */
+let ready;
 let calls = new Map();
 let count = 0;
+/** True if the module was loaded: one that was not is not loaded again. */
+let isStarted = false;
 
 async function begin() {
+  isStarted = false;
   const { source, script, wasm, isText } = await sources();
   // No module: browsers load those of pages in one file by no address.
   worker = new Worker(source);
@@ -69,18 +74,22 @@ async function begin() {
     const { resolve, reject } = calls.get(id) ?? {};
     calls.delete(id);
     if (error) {
-      if (stopped) restart();
-      reject?.(new Error(error));
+      if (stopped && isStarted) restart();
+      (reject ?? tell)(new Error(error));
     } else resolve?.(found);
   };
   worker.onerror = (event) => {
-    const text = `the worker cannot be loaded: ${event.message ?? 'no such file'}`;
+    const what = isStarted ? 'the program has stopped' : 'the worker cannot be loaded';
+    const text = `${what}: ${event.message ?? 'no such file'}`;
     for (const { reject } of calls.values()) reject(new Error(text));
     calls.clear();
+    if (isStarted) restart();
     tell(text);
   };
   const text = isText ? new TextEncoder().encode(script) : script;
-  return call('start', { backend: query.get('backend'), script: text, wasm });
+  program = await call('start', { backend: query.get('backend'), script: text, wasm });
+  isStarted = true;
+  return program;
 }
 
 function call(name, given = {}) {
@@ -98,7 +107,9 @@ function restart() {
   calls.clear();
   about = null;
   at('controls').disabled = true;
-  begin().catch(tell);
+  // What is opened next waits for the new module.
+  ready = begin();
+  ready.catch(tell);
 }
 
 // ---- what the page says -----------------------------------------------------------------------------------------------
@@ -204,8 +215,10 @@ async function drawAll() {
     tell(error);
   }
   isDrawing = false;
-  mark(drawn?.isCoarse ? 'moving' : 'idle');
-  if (drawn?.isCoarse) restTimer = setTimeout(() => redraw(false), REST_MS);
+  // Without data, as after a stop, no finer picture follows.
+  const isMoving = about && drawn?.isCoarse;
+  mark(isMoving ? 'moving' : 'idle');
+  if (isMoving) restTimer = setTimeout(() => redraw(false), REST_MS);
 }
 
 async function draw(isCoarse) {
@@ -666,6 +679,7 @@ button('save', async () => {
   } finally {
     isDrawing = false;
     isNew = true;
+    if (!about) mark('idle');
     redraw(false);
   }
 });
@@ -758,8 +772,7 @@ function whole({ camera = null, settings = {}, function: edited = null }) {
   return { camera, function: edited, settings: { background: command.BACKGROUND, ...settings } };
 }
 
-const ready = begin().then((found) => {
-  program = found;
+ready = begin().then((found) => {
   at('map').replaceChildren(new Option('automatic', ''), ...found.maps.map((name) => new Option(name)));
   at('endings').textContent = `.${[...new Set(found.endings)].sort().join(' .')}`;
   status([`ewa-splat ${found.version}`, found.adapter ? `WebGPU: ${found.adapter}` : backEnd()]);

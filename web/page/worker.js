@@ -140,20 +140,36 @@ function close() {
   scene = undefined;
 }
 
+/** What the page says of an error, and whether the module has stopped: then it is not used again. */
+function described(error) {
+  const stopped = error instanceof WebAssembly.RuntimeError;
+  const text = stopped
+    ? `the program has stopped: ${globalThis.panicked ?? 'most likely the data do not fit into 4 GiB, the most that a page has'}`
+    : error?.message ?? `${error}`;
+  return { error: text, stopped };
+}
+
 let queue = Promise.resolve();
+/** The call that is under way. */
+let running;
 onmessage = ({ data: { id, call, ...given } }) => {
   queue = queue.then(async () => {
+    running = id;
     try {
       const found = await calls[call](given);
       const moved = [found, found?.pixels].filter((bytes) => ArrayBuffer.isView(bytes));
       postMessage({ id, found }, moved.map((bytes) => bytes.buffer));
     } catch (error) {
-      // A module that has stopped is not used again.
-      const stopped = error instanceof WebAssembly.RuntimeError;
-      const text = stopped
-        ? `the program has stopped: ${globalThis.panicked ?? 'most likely the data do not fit into 4 GiB, the most that a page has'}`
-        : error.message ?? `${error}`;
-      postMessage({ id, error: text, stopped });
+      postMessage({ id, ...described(error) });
     }
+    running = undefined;
   });
 };
+
+// A module that stops while it draws does so in a task of its own: the promise of the call never settles.
+function stop(event, error) {
+  event.preventDefault();
+  postMessage({ id: running, ...described(error), stopped: true });
+}
+addEventListener('error', (event) => stop(event, event.error ?? event.message));
+addEventListener('unhandledrejection', (event) => stop(event, event.reason));
