@@ -42,11 +42,11 @@ async function opened(isAskedFor) {
   }
 }
 
-/** The parts of a path without `.` and `..`. */
+/** The parts of a path without `.` and `..`, but for those that leave its first folder. */
 function plain(path) {
   const parts = [];
   for (const part of path.replaceAll('\\', '/').split('/')) {
-    if (part === '..') parts.pop();
+    if (part === '..' && parts.length && parts.at(-1) !== '..') parts.pop();
     else if (part !== '.' && part !== '') parts.push(part);
   }
   return parts.join('/');
@@ -55,14 +55,17 @@ function plain(path) {
 /** Returns a function that reads other files: of those given, or from the same address. */
 function reader(files, base) {
   const named = new Map(files.map(({ name, file }) => [plain(name), file]));
+  const last = (path) => plain(path).split('/').pop();
+  // Files that are picked one by one have lost their folders; in a folder, another's file of the same name is not meant.
+  const isFlat = files.every(({ name }) => plain(name) === last(name));
   const bytes = (file) => new Uint8Array(new FileReaderSync().readAsArrayBuffer(file));
   return (path) => {
-    const wanted = plain(path);
-    const given = named.get(wanted) ?? [...named].find(([name]) => name.split('/').pop() === wanted.split('/').pop())?.[1];
+    const same = isFlat ? files.filter(({ name }) => plain(name) === last(path)) : [];
+    const given = named.get(plain(path)) ?? (same.length === 1 ? same[0].file : undefined);
     if (given) return bytes(given);
     if (!base) return undefined;
     const request = new XMLHttpRequest();
-    request.open('GET', new URL(wanted, base), false);
+    request.open('GET', new URL(plain(path), base), false);
     request.responseType = 'arraybuffer';
     try {
       request.send();
