@@ -52,12 +52,21 @@ function plain(path) {
   return parts.join('/');
 }
 
+/** The address of a file that another one at `base` names; undefined if it lies on another server. */
+function addressed(path, base) {
+  const name = path.replaceAll('\\', '/');
+  // A name is a path, and has no query and no fragment; some files give whole addresses.
+  const isAddress = /^[a-z][a-z\d+.-]+:\//i.test(name);
+  const address = new URL(isAddress ? name : name.split('/').map(encodeURIComponent).join('/'), base);
+  return address.origin === new URL(base).origin ? address : undefined;
+}
+
 /** Returns a function that reads other files: of those given, or from the same address. */
 function reader(files, base) {
   const named = new Map(files.map(({ name, file }) => [plain(name), file]));
   const last = (path) => plain(path).split('/').pop();
   // Files that are picked one by one have lost their folders; in a folder, another's file of the same name is not meant.
-  const isFlat = files.every(({ name }) => plain(name) === last(name));
+  const isFlat = !base && files.every(({ name }) => plain(name) === last(name));
   const bytes = (file) => new Uint8Array(new FileReaderSync().readAsArrayBuffer(file));
   return (path) => {
     const same = isFlat ? files.filter(({ name }) => plain(name) === last(path)) : [];
@@ -65,9 +74,11 @@ function reader(files, base) {
     if (given) return bytes(given);
     if (!base) return undefined;
     const request = new XMLHttpRequest();
-    request.open('GET', new URL(plain(path), base), false);
-    request.responseType = 'arraybuffer';
     try {
+      const address = addressed(path, base);
+      if (!address) return undefined;
+      request.open('GET', address, false);
+      request.responseType = 'arraybuffer';
       request.send();
     } catch {
       return undefined;
