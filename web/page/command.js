@@ -66,9 +66,12 @@ export const BACKGROUND = '#1c1c21';
 /** The words of the command line, quoted for a shell. */
 export function line(state, name, size, out) {
   const { camera, settings: s } = state;
-  const words = ['ewa-splat', 'render', name, '--size', size.join('x')];
+  // What begins with a minus would be an option: a file gets its folder, and a value is joined to its option.
+  const words = ['ewa-splat', 'render', name.startsWith('-') ? `./${name}` : name, '--size', size.join('x')];
   const option = (option, value) => {
-    if (value !== undefined && value !== null && value !== '') words.push(`--${option}`, `${value}`);
+    const text = `${value ?? ''}`;
+    if (text.startsWith('-')) words.push(`--${option}=${text}`);
+    else if (text) words.push(`--${option}`, text);
   };
   option('step', s.step === -1 ? 'last' : s.step);
   if (camera) {
@@ -109,11 +112,5 @@ export function line(state, name, size, out) {
   }
   option('clip', s.clip && list(s.clip));
   words.push('--out', out);
-  // A value that begins with a minus is joined to its option.
-  return words
-    .map((word, i) => (/^-[\d.]/.test(word) && words[i - 1]?.startsWith('--') ? null : word))
-    .map((word, i) => (word && /^-[\d.]/.test(words[i + 1] ?? '') && word.startsWith('--') ? `${word}=${words[i + 1]}` : word))
-    .filter((word) => word !== null)
-    .map(quoted)
-    .join(' ');
+  return words.map(quoted).join(' ');
 }
