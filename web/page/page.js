@@ -298,7 +298,9 @@ async function load() {
     await ready;
     const given = { name: state.name, files: state.files, base: state.base, settings: command.opening(state.settings) };
     about = await call('open', given);
+    fill();
   } catch (error) {
+    about = null;
     tell(error);
     status([`${state.name} cannot be shown`]);
     at('legend').replaceChildren();
@@ -309,7 +311,6 @@ async function load() {
   }
   at('empty').hidden = true;
   at('controls').disabled = false;
-  fill();
   redraw(false);
 }
 
@@ -319,6 +320,8 @@ function reset() {
 }
 
 async function given(files) {
+  // A text that is dropped has no files.
+  if (!files.length) return;
   reset();
   if (shared) {
     Object.assign(state, shared);
@@ -749,7 +752,11 @@ document.addEventListener('drop', async (event) => {
   const { items, files } = event.dataTransfer;
   const listed = [...items].map((item) => item.webkitGetAsEntry?.()).filter(Boolean);
   const plain = [...files].map((file) => ({ name: file.name, file }));
-  given(listed.length ? await entries(listed) : plain).catch(tell);
+  try {
+    await given(listed.length ? await entries(listed) : plain);
+  } catch (error) {
+    tell(error);
+  }
 });
 for (const id of ['width', 'height', 'format']) {
   at(id).addEventListener('change', () => {
@@ -768,8 +775,10 @@ mark('loading');
 let shared = null;
 
 /** A view of a link with what it leaves out. */
-function whole({ camera = null, settings = {}, function: edited = null }) {
-  return { camera, function: edited, settings: { background: command.BACKGROUND, ...settings } };
+function whole(given) {
+  command.check(given);
+  const { camera, settings, function: edited } = given;
+  return { camera: camera ?? null, function: edited ?? null, settings: { background: command.BACKGROUND, ...settings } };
 }
 
 ready = begin().then((found) => {
@@ -777,28 +786,36 @@ ready = begin().then((found) => {
   at('endings').textContent = `.${[...new Set(found.endings)].sort().join(' .')}`;
   status([`ewa-splat ${found.version}`, found.adapter ? `WebGPU: ${found.adapter}` : backEnd()]);
 });
-ready
-  .then(async () => {
-    if (query.get('view')) {
-      try {
-        shared = whole(JSON.parse(query.get('view')));
-      } catch (error) {
-        tell(`view: expected JSON, found ${error.message}`);
-      }
-    }
-    if (embedded) {
-      if (embedded.view) Object.assign(state, whole(embedded.view));
-      const files = embedded.files.map(async ({ name, data }) => ({ name, file: await unpacked(data) }));
-      await open(await Promise.all(files), embedded.files[0].name);
-    } else if (query.get('data')) {
-      Object.assign(state, shared);
-      shared = null;
-      await fetched(query.get('data'));
-    } else mark('idle');
-  })
-  .catch((error) => {
-    tell(error);
-    status(['The program cannot be loaded']);
-    mark('idle');
-  });
+const failed = (words) => (error) => {
+  tell(error);
+  status([words]);
+  mark('idle');
+};
 
+/** Reads a view of a link. */
+function parsed(text) {
+  try {
+    return JSON.parse(text);
+  } catch (error) {
+    throw new Error(`view: expected JSON, found ${error.message}`);
+  }
+}
+
+/** Shows what the page's address or the page itself names. */
+async function first() {
+  if (query.get('view')) shared = whole(parsed(query.get('view')));
+  if (embedded) {
+    if (embedded.view) Object.assign(state, whole(embedded.view));
+    const files = embedded.files.map(async ({ name, data }) => ({ name, file: await unpacked(data) }));
+    await open(await Promise.all(files), embedded.files[0].name);
+  } else if (query.get('data')) {
+    Object.assign(state, shared);
+    shared = null;
+    await fetched(query.get('data'));
+  } else mark('idle');
+}
+
+ready.then(
+  () => first().catch(failed('What the link names cannot be shown')),
+  failed('The program cannot be loaded'),
+);
