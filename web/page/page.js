@@ -201,20 +201,25 @@ function redraw(isMoving) {
 }
 
 async function drawAll() {
+  let own = loads;
   isDrawing = true;
   mark('busy');
   try {
     while (next && about) {
       const kind = next;
+      own = loads;
       next = null;
       await draw(kind === 'coarse');
-      if (!next && kind === 'fine') await afterwards();
+      if (!next && drawn && kind === 'fine') await afterwards();
     }
-    tell(null);
+    if (!isLoading) tell(null);
   } catch (error) {
-    tell(error);
+    if (own === loads) tell(error);
   }
   isDrawing = false;
+  if (isLoading) return;
+  // Data that were opened while the last picture of others failed wait for theirs.
+  if (next && about) return drawAll();
   // Without data, as after a stop, no finer picture follows.
   const isMoving = about && drawn?.isCoarse;
   mark(isMoving ? 'moving' : 'idle');
@@ -222,6 +227,7 @@ async function drawAll() {
 }
 
 async function draw(isCoarse) {
+  const begun = loads;
   const full = stageSize();
   const scale = isCoarse ? motionScale : 1;
   const size = full.map((x) => Math.max(16, Math.round(x * scale)));
@@ -229,6 +235,7 @@ async function draw(isCoarse) {
   const tolerance = isCoarse ? Math.min(own * COARSE, 0.5) : state.settings.tolerance;
   const request = command.request(state, size, tolerance);
   const found = await call('draw', { columns: state.settings.columns, request, isNew });
+  if (begun !== loads) return;
   isNew = false;
   // Pictures in motion take about as long as one can wait for.
   if (isCoarse) motionScale = Math.min(1, Math.max(0.1, scale * Math.sqrt(MOTION_MS / Math.max(found.ms, 5)) ** 0.7));
@@ -249,9 +256,12 @@ function show(found) {
 
 /** What is asked of a fine picture: its function, and its error. */
 async function afterwards() {
+  const own = loads;
   if (state.settings.columns) return;
   if (!state.function) {
     const found = await call('function', { bins: 96 });
+    // An edit that was made meanwhile stays.
+    if (own !== loads || state.function) return;
     at('function').hidden = !found;
     automatic = found?.function ?? null;
     if (found) editor.show(found.function, found.counts);
@@ -259,7 +269,7 @@ async function afterwards() {
   }
   if (!next && drawn.ms < MEASURED_MS) {
     const error = await call('measure');
-    if (error && !next) say(error);
+    if (error && !next && own === loads) say(error);
   }
 }
 
@@ -267,6 +277,10 @@ async function afterwards() {
 
 /** Endings of files that others name. */
 const COMPANIONS = /\.(q|f|fun|mtl|png|jpe?g|webp|bin|raw|zraw|img|ktx2|tga|bmp)$/i;
+
+/** Counts the files that were opened: what was asked of earlier ones is dropped. */
+let loads = 0;
+let isLoading = false;
 
 /** Shows one of several files. */
 async function open(files, name, base = null) {
@@ -287,19 +301,27 @@ function rank(name) {
 }
 
 async function load() {
+  const own = ++loads;
+  isLoading = true;
   mark('busy');
   next = null;
   about = null;
   drawn = null;
+  automatic = null;
   tell(null);
   at('controls').disabled = true;
   status([`Reading ${state.name} …`]);
   try {
     await ready;
+    if (own !== loads) return;
     const given = { name: state.name, files: state.files, base: state.base, settings: command.opening(state.settings) };
-    about = await call('open', given);
+    const opened = await call('open', given);
+    if (own !== loads) return;
+    about = opened;
     fill();
   } catch (error) {
+    if (own !== loads) return;
+    isLoading = false;
     about = null;
     tell(error);
     status([`${state.name} cannot be shown`]);
@@ -309,6 +331,7 @@ async function load() {
     mark('idle');
     return;
   }
+  isLoading = false;
   at('empty').hidden = true;
   at('controls').disabled = false;
   redraw(false);
@@ -353,11 +376,14 @@ async function fetched(address) {
   const url = new URL(address, location.href);
   const name = decodeURIComponent(url.pathname.split('/').pop());
   status([`Fetching ${name} …`]);
+  const own = loads;
   const answer = await fetch(url).catch((error) => {
     throw new Error(`${address}: fetching: expected an answer, found ${error.message}; the server must allow other pages to read it (CORS)`);
   });
   if (!answer.ok) throw new Error(`${address}: fetching: expected a file, found ${answer.status} ${answer.statusText}`);
-  await open([{ name, file: await answer.blob() }], name, url.href);
+  const file = await answer.blob();
+  // Files that were dropped meanwhile stay.
+  if (own === loads) await open([{ name, file }], name, url.href);
 }
 
 // ---- controls ---------------------------------------------------------------------------------------------------------
@@ -479,7 +505,9 @@ on('map', async ({ value }) => {
   if (!state.function) return;
   // The edited opacities stay.
   if (!value) return;
+  const begun = loads;
   const map = await call('map', { name: value });
+  if (begun !== loads || !state.function) return;
   const colours = parts(map).colours;
   const own = parts(state.function).opacities;
   state.function = joined({ ...state.function, color_space: 'linear' }, { colours, opacities: own });
@@ -671,18 +699,27 @@ button('save', async () => {
   const size = savedSize();
   clearTimeout(restTimer);
   await still();
+  if (!about) throw new Error('picture: expected data, found none');
+  const own = loads;
+  // Data that are opened meanwhile take the place of those of the picture.
+  const same = (found) => {
+    if (own === loads) return found;
+    throw new Error('picture: expected the same data until it is saved, found others');
+  };
   isDrawing = true;
   mark('busy');
   try {
     const request = command.request(state, size, state.settings.tolerance);
     // The scene is made for this size, as the program makes it.
-    await call('draw', { columns: state.settings.columns, request, isNew: true });
-    if (at('format').value === 'npy') save('picture.npy', npy(await call('floats'), size), 'application/octet-stream');
-    else save('picture.png', await call('png'), 'image/png');
+    const isNumbers = at('format').value === 'npy';
+    same(await call('draw', { columns: state.settings.columns, request, isNew: true }));
+    const content = same(await call(isNumbers ? 'floats' : 'png'));
+    if (isNumbers) save('picture.npy', npy(content, size), 'application/octet-stream');
+    else save('picture.png', content, 'image/png');
   } finally {
     isDrawing = false;
     isNew = true;
-    if (!about) mark('idle');
+    if (!about && !isLoading) mark('idle');
     redraw(false);
   }
 });
