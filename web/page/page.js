@@ -417,7 +417,7 @@ function fill() {
   at('background').value = s.background || command.BACKGROUND;
   at('transparent').checked = s.background === '';
   at('parallel').checked = !!state.camera?.ortho_height;
-  at('clip').value = s.clip ? (clipAxis ?? 'view') : '';
+  fillClip();
   at('notes').replaceChildren(...about.notes.map((text) => Object.assign(document.createElement('li'), { textContent: text })));
   fillRange();
   fillSize();
@@ -567,6 +567,28 @@ on('transparent', background);
 
 let clipAxis = null;
 let clipNormal = null;
+/** Where the data begin and end along a direction. */
+function reach(normal) {
+  const [low, high] = about.bounds;
+  const corners = Array.from({ length: 8 }, (_, i) => low.map((x, k) => ((i >> k) & 1 ? high[k] : x)));
+  const along = corners.map((corner) => view.dot(corner, normal));
+  return [Math.min(...along), Math.max(...along)];
+}
+
+/** Fills the controls of the clip plane, so that moving it begins where it is. */
+function fillClip() {
+  const { clip } = state.settings;
+  clipNormal = clip ? clip.slice(0, 3) : null;
+  const axes = ['x', 'y', 'z', '-x', '-y', '-z'];
+  const normalOf = (axis) => [...'xyz'].map((name) => (axis.at(-1) !== name ? 0 : axis.startsWith('-') ? -1 : 1));
+  const isNormal = (axis) => normalOf(axis).every((x, i) => x === clipNormal[i]);
+  clipAxis = clip ? (axes.find(isNormal) ?? 'view') : '';
+  at('clip').value = clipAxis;
+  if (!clip || !about.bounds) return;
+  const [least, most] = reach(clipNormal);
+  at('depth').value = (-clip[3] - least) / (most - least || 1);
+}
+
 const clip = () => {
   const axis = at('clip').value;
   if (axis !== clipAxis) clipNormal = null;
@@ -580,10 +602,7 @@ const clip = () => {
     clipNormal = [0, 0, 0];
     clipNormal['xyz'.indexOf(axis.at(-1))] = axis.startsWith('-') ? -1 : 1;
   }
-  const [low, high] = about.bounds;
-  const corners = Array.from({ length: 8 }, (_, i) => low.map((x, k) => ((i >> k) & 1 ? high[k] : x)));
-  const along = corners.map((corner) => view.dot(corner, clipNormal));
-  const [least, most] = [Math.min(...along), Math.max(...along)];
+  const [least, most] = reach(clipNormal);
   const distance = -(least + (most - least) * Number(at('depth').value));
   set('clip', [...clipNormal, Number(distance.toPrecision(6))]);
 };
