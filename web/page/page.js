@@ -200,6 +200,9 @@ function redraw(isMoving) {
   if (!isDrawing) drawAll();
 }
 
+/** What drawing told last. */
+let failure = '';
+
 async function drawAll() {
   let own = loads;
   isDrawing = true;
@@ -212,8 +215,10 @@ async function drawAll() {
       await draw(kind === 'coarse');
       if (!next && drawn && kind === 'fine') await afterwards();
     }
-    if (!isLoading) tell(null);
+    // What went wrong elsewhere, as in saving, stays.
+    if (at('error').textContent === failure) tell(null);
   } catch (error) {
+    failure = error.message;
     if (own === loads) tell(error);
   }
   isDrawing = false;
