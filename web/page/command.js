@@ -1,7 +1,7 @@
 // The command line that makes the picture of the page.
 
 const quoted = (text) => (/^[\w@%+=:,./-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`);
-const list = (numbers) => numbers.map((x) => `${x}`).join(',');
+const list = (values) => values.map((x) => `${x}`).join(',');
 
 /** The settings of a request, with the names that the module takes. */
 export function request(state, size, tolerance) {
@@ -43,6 +43,76 @@ export function request(state, size, tolerance) {
   };
 }
 
+const finite = (x) => typeof x === 'number' && Number.isFinite(x);
+const numbers = (count) => (list) => Array.isArray(list) && list.length === count && list.every(finite);
+const point = [numbers(3), 'three numbers'];
+const text = [(x) => typeof x === 'string', 'a text'];
+const flag = [(x) => typeof x === 'boolean', 'true or false'];
+const above = [(x) => finite(x) && x > 0, 'a number above 0'];
+const ordered = [(list) => numbers(2)(list) && list[0] < list[1], 'two numbers, the lower one first'];
+const direction = [(x) => numbers(3)(x) && x.some((n) => n !== 0), 'three numbers that are not all zero'];
+const one = (...names) => [(x) => names.includes(x), names.join(', ')];
+
+const SETTINGS = {
+  field: text,
+  map: text,
+  of: text,
+  mean: text,
+  scale: one('linear', 'log', 'symlog'),
+  composite: one('over', 'sheets', 'axis-sheets', 'slabs', 'maximum'),
+  light: one('on', 'off'),
+  background: [(x) => typeof x === 'string' && /^(#[0-9a-f]{6})?$/i.test(x), 'a colour as #rrggbb'],
+  step: [(x) => Number.isInteger(x) && x >= -1, 'a count, or -1'],
+  isosurface: [finite, 'a number'],
+  opacity: above,
+  thickness: above,
+  tolerance: [(x) => finite(x) && x > 0 && x < 1, 'a number between 0 and 1'],
+  surface: flag,
+  columns: flag,
+  range: ordered,
+  direction,
+  clip: [(x) => numbers(4)(x) && x.slice(0, 3).some((n) => n !== 0), 'four numbers, the first three not all zero'],
+};
+const CAMERA = {
+  eye: point,
+  target: point,
+  up: direction,
+  fov_deg: [(x) => finite(x) && x > 0 && x < 180, 'degrees between 0 and 180'],
+  ortho_height: above,
+};
+
+/** Checks the parts of something by name. */
+function checkParts(place, given, known) {
+  if (typeof given !== 'object' || Array.isArray(given)) throw new Error(`${place}: expected names and values, found ${JSON.stringify(given)}`);
+  for (const [name, value] of Object.entries(given)) {
+    const [isGood, expected] = Object.hasOwn(known, name) ? known[name] : [() => false, `none but ${Object.keys(known).join(', ')}`];
+    if (!isGood(value)) throw new Error(`${place}: ${name}: expected ${expected}, found ${JSON.stringify(value)}`);
+  }
+}
+
+/** Checks the view of a link, which anybody may have written. Throws an error that names what is wrong. */
+export function check(view) {
+  if (view === null || typeof view !== 'object') throw new Error(`view: expected camera, settings and function, found ${JSON.stringify(view)}`);
+  const { camera, settings, function: edited } = view;
+  checkParts('view: settings', settings ?? {}, SETTINGS);
+  if (camera) {
+    checkParts('view: camera', camera, CAMERA);
+    const { eye, target, up, fov_deg: fov, ortho_height: height } = camera;
+    const isWhole = eye && target && up && (fov === undefined) !== (height === undefined);
+    if (!isWhole || eye.every((x, i) => x === target[i])) {
+      throw new Error('view: camera: expected eye, target, up, and fov_deg or ortho_height, with two different points, found others');
+    }
+  }
+  if (edited) {
+    const isPoint = (p) =>
+      p && finite(p.value) && (p.color === undefined || numbers(3)(p.color)) && (p.opacity === undefined || finite(p.opacity));
+    const { range, points } = edited;
+    const isGood = ordered[0](range) && Array.isArray(points) && points.every(isPoint) &&
+      points.some((p) => p.color) && points.some((p) => p.opacity !== undefined);
+    if (!isGood) throw new Error('view: function: expected a range and points with colours and opacities, found others');
+  }
+}
+
 /** Options for opening a file. */
 export function opening(settings) {
   return clean({ time_step: settings.step });
@@ -66,9 +136,12 @@ export const BACKGROUND = '#1c1c21';
 /** The words of the command line, quoted for a shell. */
 export function line(state, name, size, out) {
   const { camera, settings: s } = state;
-  const words = ['ewa-splat', 'render', name, '--size', size.join('x')];
+  // What begins with a minus would be an option: a file gets its folder, and a value is joined to its option.
+  const words = ['ewa-splat', 'render', name.startsWith('-') ? `./${name}` : name, '--size', size.join('x')];
   const option = (option, value) => {
-    if (value !== undefined && value !== null && value !== '') words.push(`--${option}`, `${value}`);
+    const text = `${value ?? ''}`;
+    if (text.startsWith('-')) words.push(`--${option}=${text}`);
+    else if (text) words.push(`--${option}`, text);
   };
   option('step', s.step === -1 ? 'last' : s.step);
   if (camera) {
@@ -109,11 +182,5 @@ export function line(state, name, size, out) {
   }
   option('clip', s.clip && list(s.clip));
   words.push('--out', out);
-  // A value that begins with a minus is joined to its option.
-  return words
-    .map((word, i) => (/^-[\d.]/.test(word) && words[i - 1]?.startsWith('--') ? null : word))
-    .map((word, i) => (word && /^-[\d.]/.test(words[i + 1] ?? '') && word.startsWith('--') ? `${word}=${words[i + 1]}` : word))
-    .filter((word) => word !== null)
-    .map(quoted)
-    .join(' ');
+  return words.map(quoted).join(' ');
 }

@@ -58,10 +58,15 @@ async function sources() {
 }
 
 let worker;
+/** Settles when the module is loaded. */
+let ready;
 let calls = new Map();
 let count = 0;
+/** True if the module was loaded: one that was not is not loaded again. */
+let isStarted = false;
 
 async function begin() {
+  isStarted = false;
   const { source, script, wasm, isText } = await sources();
   // No module: browsers load those of pages in one file by no address.
   worker = new Worker(source);
@@ -69,18 +74,22 @@ async function begin() {
     const { resolve, reject } = calls.get(id) ?? {};
     calls.delete(id);
     if (error) {
-      if (stopped) restart();
-      reject?.(new Error(error));
+      if (stopped && isStarted) restart();
+      (reject ?? tell)(new Error(error));
     } else resolve?.(found);
   };
   worker.onerror = (event) => {
-    const text = `the worker cannot be loaded: ${event.message ?? 'no such file'}`;
+    const what = isStarted ? 'the program has stopped' : 'the worker cannot be loaded';
+    const text = `${what}: ${event.message ?? 'no such file'}`;
     for (const { reject } of calls.values()) reject(new Error(text));
     calls.clear();
+    if (isStarted) restart();
     tell(text);
   };
   const text = isText ? new TextEncoder().encode(script) : script;
-  return call('start', { backend: query.get('backend'), script: text, wasm });
+  program = await call('start', { backend: query.get('backend'), script: text, wasm });
+  isStarted = true;
+  return program;
 }
 
 function call(name, given = {}) {
@@ -98,7 +107,9 @@ function restart() {
   calls.clear();
   about = null;
   at('controls').disabled = true;
-  begin().catch(tell);
+  // What is opened next waits for the new module.
+  ready = begin();
+  ready.catch(tell);
 }
 
 // ---- what the page says -----------------------------------------------------------------------------------------------
@@ -189,26 +200,39 @@ function redraw(isMoving) {
   if (!isDrawing) drawAll();
 }
 
+/** What drawing told last. */
+let failure = '';
+
 async function drawAll() {
+  let own = loads;
   isDrawing = true;
   mark('busy');
   try {
     while (next && about) {
       const kind = next;
+      own = loads;
       next = null;
       await draw(kind === 'coarse');
-      if (!next && kind === 'fine') await afterwards();
+      if (!next && drawn && kind === 'fine') await afterwards();
     }
-    tell(null);
+    // What went wrong elsewhere, as in saving, stays.
+    if (at('error').textContent === failure) tell(null);
   } catch (error) {
-    tell(error);
+    failure = error.message;
+    if (own === loads) tell(error);
   }
   isDrawing = false;
-  mark(drawn?.isCoarse ? 'moving' : 'idle');
-  if (drawn?.isCoarse) restTimer = setTimeout(() => redraw(false), REST_MS);
+  if (isLoading) return;
+  // Data that were opened while the last picture of others failed wait for theirs.
+  if (next && about) return drawAll();
+  // Without data, as after a stop, no finer picture follows.
+  const isMoving = about && drawn?.isCoarse;
+  mark(isMoving ? 'moving' : 'idle');
+  if (isMoving) restTimer = setTimeout(() => redraw(false), REST_MS);
 }
 
 async function draw(isCoarse) {
+  const begun = loads;
   const full = stageSize();
   const scale = isCoarse ? motionScale : 1;
   const size = full.map((x) => Math.max(16, Math.round(x * scale)));
@@ -216,6 +240,7 @@ async function draw(isCoarse) {
   const tolerance = isCoarse ? Math.min(own * COARSE, 0.5) : state.settings.tolerance;
   const request = command.request(state, size, tolerance);
   const found = await call('draw', { columns: state.settings.columns, request, isNew });
+  if (begun !== loads) return;
   isNew = false;
   // Pictures in motion take about as long as one can wait for.
   if (isCoarse) motionScale = Math.min(1, Math.max(0.1, scale * Math.sqrt(MOTION_MS / Math.max(found.ms, 5)) ** 0.7));
@@ -236,9 +261,12 @@ function show(found) {
 
 /** What is asked of a fine picture: its function, and its error. */
 async function afterwards() {
+  const own = loads;
   if (state.settings.columns) return;
   if (!state.function) {
     const found = await call('function', { bins: 96 });
+    // An edit that was made meanwhile stays.
+    if (own !== loads || state.function) return;
     at('function').hidden = !found;
     automatic = found?.function ?? null;
     if (found) editor.show(found.function, found.counts);
@@ -246,7 +274,7 @@ async function afterwards() {
   }
   if (!next && drawn.ms < MEASURED_MS) {
     const error = await call('measure');
-    if (error && !next) say(error);
+    if (error && !next && own === loads) say(error);
   }
 }
 
@@ -254,6 +282,10 @@ async function afterwards() {
 
 /** Endings of files that others name. */
 const COMPANIONS = /\.(q|f|fun|mtl|png|jpe?g|webp|bin|raw|zraw|img|ktx2|tga|bmp)$/i;
+
+/** Counts the files that were opened: what was asked of earlier ones is dropped. */
+let loads = 0;
+let isLoading = false;
 
 /** Shows one of several files. */
 async function open(files, name, base = null) {
@@ -274,18 +306,28 @@ function rank(name) {
 }
 
 async function load() {
+  const own = ++loads;
+  isLoading = true;
   mark('busy');
   next = null;
   about = null;
   drawn = null;
+  automatic = null;
   tell(null);
   at('controls').disabled = true;
   status([`Reading ${state.name} …`]);
   try {
     await ready;
+    if (own !== loads) return;
     const given = { name: state.name, files: state.files, base: state.base, settings: command.opening(state.settings) };
-    about = await call('open', given);
+    const opened = await call('open', given);
+    if (own !== loads) return;
+    about = opened;
+    fill();
   } catch (error) {
+    if (own !== loads) return;
+    isLoading = false;
+    about = null;
     tell(error);
     status([`${state.name} cannot be shown`]);
     at('legend').replaceChildren();
@@ -294,9 +336,9 @@ async function load() {
     mark('idle');
     return;
   }
+  isLoading = false;
   at('empty').hidden = true;
   at('controls').disabled = false;
-  fill();
   redraw(false);
 }
 
@@ -306,6 +348,8 @@ function reset() {
 }
 
 async function given(files) {
+  // A text that is dropped has no files.
+  if (!files.length) return;
   reset();
   if (shared) {
     Object.assign(state, shared);
@@ -337,11 +381,14 @@ async function fetched(address) {
   const url = new URL(address, location.href);
   const name = decodeURIComponent(url.pathname.split('/').pop());
   status([`Fetching ${name} …`]);
+  const own = loads;
   const answer = await fetch(url).catch((error) => {
     throw new Error(`${address}: fetching: expected an answer, found ${error.message}; the server must allow other pages to read it (CORS)`);
   });
   if (!answer.ok) throw new Error(`${address}: fetching: expected a file, found ${answer.status} ${answer.statusText}`);
-  await open([{ name, file: await answer.blob() }], name, url.href);
+  const file = await answer.blob();
+  // Files that were dropped meanwhile stay.
+  if (own === loads) await open([{ name, file }], name, url.href);
 }
 
 // ---- controls ---------------------------------------------------------------------------------------------------------
@@ -375,7 +422,7 @@ function fill() {
   at('background').value = s.background || command.BACKGROUND;
   at('transparent').checked = s.background === '';
   at('parallel').checked = !!state.camera?.ortho_height;
-  at('clip').value = s.clip ? (clipAxis ?? 'view') : '';
+  fillClip();
   at('notes').replaceChildren(...about.notes.map((text) => Object.assign(document.createElement('li'), { textContent: text })));
   fillRange();
   fillSize();
@@ -463,7 +510,9 @@ on('map', async ({ value }) => {
   if (!state.function) return;
   // The edited opacities stay.
   if (!value) return;
+  const begun = loads;
   const map = await call('map', { name: value });
+  if (begun !== loads || !state.function) return;
   const colours = parts(map).colours;
   const own = parts(state.function).opacities;
   state.function = joined({ ...state.function, color_space: 'linear' }, { colours, opacities: own });
@@ -523,6 +572,28 @@ on('transparent', background);
 
 let clipAxis = null;
 let clipNormal = null;
+/** Where the data begin and end along a direction. */
+function reach(normal) {
+  const [low, high] = about.bounds;
+  const corners = Array.from({ length: 8 }, (_, i) => low.map((x, k) => ((i >> k) & 1 ? high[k] : x)));
+  const along = corners.map((corner) => view.dot(corner, normal));
+  return [Math.min(...along), Math.max(...along)];
+}
+
+/** Fills the controls of the clip plane, so that moving it begins where it is. */
+function fillClip() {
+  const { clip } = state.settings;
+  clipNormal = clip ? clip.slice(0, 3) : null;
+  const axes = ['x', 'y', 'z', '-x', '-y', '-z'];
+  const normalOf = (axis) => [...'xyz'].map((name) => (axis.at(-1) !== name ? 0 : axis.startsWith('-') ? -1 : 1));
+  const isNormal = (axis) => normalOf(axis).every((x, i) => x === clipNormal[i]);
+  clipAxis = clip ? (axes.find(isNormal) ?? 'view') : '';
+  at('clip').value = clipAxis;
+  if (!clip || !about.bounds) return;
+  const [least, most] = reach(clipNormal);
+  at('depth').value = (-clip[3] - least) / (most - least || 1);
+}
+
 const clip = () => {
   const axis = at('clip').value;
   if (axis !== clipAxis) clipNormal = null;
@@ -536,10 +607,7 @@ const clip = () => {
     clipNormal = [0, 0, 0];
     clipNormal['xyz'.indexOf(axis.at(-1))] = axis.startsWith('-') ? -1 : 1;
   }
-  const [low, high] = about.bounds;
-  const corners = Array.from({ length: 8 }, (_, i) => low.map((x, k) => ((i >> k) & 1 ? high[k] : x)));
-  const along = corners.map((corner) => view.dot(corner, clipNormal));
-  const [least, most] = [Math.min(...along), Math.max(...along)];
+  const [least, most] = reach(clipNormal);
   const distance = -(least + (most - least) * Number(at('depth').value));
   set('clip', [...clipNormal, Number(distance.toPrecision(6))]);
 };
@@ -655,17 +723,27 @@ button('save', async () => {
   const size = savedSize();
   clearTimeout(restTimer);
   await still();
+  if (!about) throw new Error('picture: expected data, found none');
+  const own = loads;
+  // Data that are opened meanwhile take the place of those of the picture.
+  const same = (found) => {
+    if (own === loads) return found;
+    throw new Error('picture: expected the same data until it is saved, found others');
+  };
   isDrawing = true;
   mark('busy');
   try {
     const request = command.request(state, size, state.settings.tolerance);
     // The scene is made for this size, as the program makes it.
-    await call('draw', { columns: state.settings.columns, request, isNew: true });
-    if (at('format').value === 'npy') save('picture.npy', npy(await call('floats'), size), 'application/octet-stream');
-    else save('picture.png', await call('png'), 'image/png');
+    const isNumbers = at('format').value === 'npy';
+    same(await call('draw', { columns: state.settings.columns, request, isNew: true }));
+    const content = same(await call(isNumbers ? 'floats' : 'png'));
+    if (isNumbers) save('picture.npy', npy(content, size), 'application/octet-stream');
+    else save('picture.png', content, 'image/png');
   } finally {
     isDrawing = false;
     isNew = true;
+    if (!about && !isLoading) mark('idle');
     redraw(false);
   }
 });
@@ -735,7 +813,11 @@ document.addEventListener('drop', async (event) => {
   const { items, files } = event.dataTransfer;
   const listed = [...items].map((item) => item.webkitGetAsEntry?.()).filter(Boolean);
   const plain = [...files].map((file) => ({ name: file.name, file }));
-  given(listed.length ? await entries(listed) : plain).catch(tell);
+  try {
+    await given(listed.length ? await entries(listed) : plain);
+  } catch (error) {
+    tell(error);
+  }
 });
 for (const id of ['width', 'height', 'format']) {
   at(id).addEventListener('change', () => {
@@ -754,38 +836,47 @@ mark('loading');
 let shared = null;
 
 /** A view of a link with what it leaves out. */
-function whole({ camera = null, settings = {}, function: edited = null }) {
-  return { camera, function: edited, settings: { background: command.BACKGROUND, ...settings } };
+function whole(given) {
+  command.check(given);
+  const { camera, settings, function: edited } = given;
+  return { camera: camera ?? null, function: edited ?? null, settings: { background: command.BACKGROUND, ...settings } };
 }
 
-const ready = begin().then((found) => {
-  program = found;
+ready = begin().then((found) => {
   at('map').replaceChildren(new Option('automatic', ''), ...found.maps.map((name) => new Option(name)));
   at('endings').textContent = `.${[...new Set(found.endings)].sort().join(' .')}`;
   status([`ewa-splat ${found.version}`, found.adapter ? `WebGPU: ${found.adapter}` : backEnd()]);
 });
-ready
-  .then(async () => {
-    if (query.get('view')) {
-      try {
-        shared = whole(JSON.parse(query.get('view')));
-      } catch (error) {
-        tell(`view: expected JSON, found ${error.message}`);
-      }
-    }
-    if (embedded) {
-      if (embedded.view) Object.assign(state, whole(embedded.view));
-      const files = embedded.files.map(async ({ name, data }) => ({ name, file: await unpacked(data) }));
-      await open(await Promise.all(files), embedded.files[0].name);
-    } else if (query.get('data')) {
-      Object.assign(state, shared);
-      shared = null;
-      await fetched(query.get('data'));
-    } else mark('idle');
-  })
-  .catch((error) => {
-    tell(error);
-    status(['The program cannot be loaded']);
-    mark('idle');
-  });
+const failed = (words) => (error) => {
+  tell(error);
+  status([words]);
+  mark('idle');
+};
 
+/** Reads a view of a link. */
+function parsed(text) {
+  try {
+    return JSON.parse(text);
+  } catch (error) {
+    throw new Error(`view: expected JSON, found ${error.message}`);
+  }
+}
+
+/** Shows what the page's address or the page itself names. */
+async function first() {
+  if (query.get('view')) shared = whole(parsed(query.get('view')));
+  if (embedded) {
+    if (embedded.view) Object.assign(state, whole(embedded.view));
+    const files = embedded.files.map(async ({ name, data }) => ({ name, file: await unpacked(data) }));
+    await open(await Promise.all(files), embedded.files[0].name);
+  } else if (query.get('data')) {
+    Object.assign(state, shared);
+    shared = null;
+    await fetched(query.get('data'));
+  } else mark('idle');
+}
+
+ready.then(
+  () => first().catch(failed('What the link names cannot be shown')),
+  failed('The program cannot be loaded'),
+);

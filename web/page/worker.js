@@ -42,29 +42,43 @@ async function opened(isAskedFor) {
   }
 }
 
-/** The parts of a path without `.` and `..`. */
+/** The parts of a path without `.` and `..`, but for those that leave its first folder. */
 function plain(path) {
   const parts = [];
   for (const part of path.replaceAll('\\', '/').split('/')) {
-    if (part === '..') parts.pop();
+    if (part === '..' && parts.length && parts.at(-1) !== '..') parts.pop();
     else if (part !== '.' && part !== '') parts.push(part);
   }
   return parts.join('/');
 }
 
+/** The address of a file that another one at `base` names; undefined if it lies on another server. */
+function addressed(path, base) {
+  const name = path.replaceAll('\\', '/');
+  // A name is a path, and has no query and no fragment; some files give whole addresses.
+  const isAddress = /^[a-z][a-z\d+.-]+:\//i.test(name);
+  const address = new URL(isAddress ? name : name.split('/').map(encodeURIComponent).join('/'), base);
+  return address.origin === new URL(base).origin ? address : undefined;
+}
+
 /** Returns a function that reads other files: of those given, or from the same address. */
 function reader(files, base) {
   const named = new Map(files.map(({ name, file }) => [plain(name), file]));
+  const last = (path) => plain(path).split('/').pop();
+  // Files that are picked one by one have lost their folders; in a folder, another's file of the same name is not meant.
+  const isFlat = !base && files.every(({ name }) => plain(name) === last(name));
   const bytes = (file) => new Uint8Array(new FileReaderSync().readAsArrayBuffer(file));
   return (path) => {
-    const wanted = plain(path);
-    const given = named.get(wanted) ?? [...named].find(([name]) => name.split('/').pop() === wanted.split('/').pop())?.[1];
+    const same = isFlat ? files.filter(({ name }) => plain(name) === last(path)) : [];
+    const given = named.get(plain(path)) ?? (same.length === 1 ? same[0].file : undefined);
     if (given) return bytes(given);
     if (!base) return undefined;
     const request = new XMLHttpRequest();
-    request.open('GET', new URL(wanted, base), false);
-    request.responseType = 'arraybuffer';
     try {
+      const address = addressed(path, base);
+      if (!address) return undefined;
+      request.open('GET', address, false);
+      request.responseType = 'arraybuffer';
       request.send();
     } catch {
       return undefined;
@@ -140,20 +154,36 @@ function close() {
   scene = undefined;
 }
 
+/** What the page says of an error, and whether the module has stopped: then it is not used again. */
+function described(error) {
+  const stopped = error instanceof WebAssembly.RuntimeError;
+  const text = stopped
+    ? `the program has stopped: ${globalThis.panicked ?? 'most likely the data do not fit into 4 GiB, the most that a page has'}`
+    : error?.message ?? `${error}`;
+  return { error: text, stopped };
+}
+
 let queue = Promise.resolve();
+/** The call that is under way. */
+let running;
 onmessage = ({ data: { id, call, ...given } }) => {
   queue = queue.then(async () => {
+    running = id;
     try {
       const found = await calls[call](given);
       const moved = [found, found?.pixels].filter((bytes) => ArrayBuffer.isView(bytes));
       postMessage({ id, found }, moved.map((bytes) => bytes.buffer));
     } catch (error) {
-      // A module that has stopped is not used again.
-      const stopped = error instanceof WebAssembly.RuntimeError;
-      const text = stopped
-        ? `the program has stopped: ${globalThis.panicked ?? 'most likely the data do not fit into 4 GiB, the most that a page has'}`
-        : error.message ?? `${error}`;
-      postMessage({ id, error: text, stopped });
+      postMessage({ id, ...described(error) });
     }
+    running = undefined;
   });
 };
+
+// A module that stops while it draws does so in a task of its own: the promise of the call never settles.
+function stop(event, error) {
+  event.preventDefault();
+  postMessage({ id: running, ...described(error), stopped: true });
+}
+addEventListener('error', (event) => stop(event, event.error ?? event.message));
+addEventListener('unhandledrejection', (event) => stop(event, event.reason));

@@ -95,18 +95,26 @@ impl GivenView {
             return Err("size: expected a width and a height above 0, found 0".into());
         }
         let middle = DVec2::new(size[0] as f64, size[1] as f64) / 2.0;
-        Ok(Placement::Calibrated(Camera {
-            projection: match self.projection.as_deref() {
-                Some("orthographic") => Projection::Orthographic,
-                _ => Projection::Perspective,
-            },
+        let projection = match self.projection.as_deref() {
+            None | Some("perspective") => Projection::Perspective,
+            Some("orthographic") => Projection::Orthographic,
+            Some(other) => {
+                return Err(format!(
+                    "projection: expected perspective or orthographic, found {other}"
+                ));
+            }
+        };
+        let camera = Camera {
+            projection,
             eye,
             camera_from_world: DMat3::from_cols_array_2d(&rows).transpose(),
             focal_px: focal_px.into(),
             centre_px: self.centre_px.map_or(middle, DVec2::from),
             width: size[0],
             height: size[1],
-        }))
+        };
+        camera.validate().map_err(|error| error.to_string())?;
+        Ok(Placement::Calibrated(camera))
     }
 }
 

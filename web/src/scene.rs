@@ -173,6 +173,10 @@ impl Scene {
             drawing: &drawing,
         };
         let task = Task::new();
+        // A session keeps its function until it is told of another: none is told as well.
+        self.session
+            .set_transfer(drawing.transfer.clone(), &task)
+            .map_err(thrown)?;
         let further = |ready: &mut Ready, image: &Image, camera: &Camera, settings: Settings| {
             let about = about_picture(ready, camera);
             let (image, camera) = (image.clone(), camera.clone());
