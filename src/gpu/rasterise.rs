@@ -27,7 +27,7 @@ pub struct RasterSpec {
     pub axes: Axes,
     /// True if any kernel may cross the camera plane.
     pub near: bool,
-    /// Greatest number of layers that a pixel keeps open: 1, or one of [`LAYER_SLOTS`] for slabs.
+    /// Greatest number of layers that a pixel keeps open: 1, or 16, 32, 64, 160 or 256 for slabs.
     pub slots: u32,
     /// True if open layers may have to be carried from one dispatch to the next.
     pub carries: bool,
