@@ -36,7 +36,7 @@ impl Column {
         png_bytes(Path::new("columns.png"), &self.image).map_err(thrown)
     }
 
-    /// What is known of the columns, as JSON: `camera`, `bars`, `sum`, `title`, `unit`.
+    /// Facts about the columns, as JSON: `camera`, `bars`, `sum`, `title`, `unit`.
     #[wasm_bindgen(getter)]
     pub fn about(&self) -> String {
         self.about.clone()

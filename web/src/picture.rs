@@ -42,7 +42,7 @@ impl Picture {
         png_bytes(Path::new("picture.png"), &self.image).map_err(thrown)
     }
 
-    /// What is known of the picture, as JSON: `camera`, `bars`, `particles`, `times`, `adapter`, `fallback`.
+    /// Facts about the picture, as JSON: `camera`, `bars`, `particles`, `times`, `adapter`, `fallback`.
     #[wasm_bindgen(getter)]
     pub fn about(&self) -> String {
         self.about.clone()

@@ -139,7 +139,7 @@ impl Scene {
         self.place(is_on_device, true)
     }
 
-    /// What is known of the data, as JSON: `fields`, `notes`, `bounds`, `up`.
+    /// Facts about the data, as JSON: `fields`, `notes`, `bounds`, `up`.
     #[wasm_bindgen(getter)]
     pub fn about(&self) -> String {
         let bounds = self.opened.bounds();

@@ -261,9 +261,7 @@ impl Lens {
         };
         let Some([width, height]) = size else {
             return match (self.camera_angle_x, self.fl_x, self.cx.or(self.cy)) {
-                (Some(radians), None, None) => {
-                    Ok(Optics::Horizontal(angle(path, name, radians)?, None))
-                }
+                (Some(radians), None, None) => Ok(Optics::Horizontal(angle(path, name, radians)?)),
                 _ => Err(fault(
                     path,
                     place(),

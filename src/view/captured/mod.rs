@@ -44,9 +44,9 @@ enum Optics {
         centre_px: DVec2,
         size: [usize; 2],
     },
-    /// Full angle in radians from the left to the right of the picture, whose size the file may leave open.
-    Horizontal(f64, Option<[usize; 2]>),
-    /// Full angle in radians from the top to the bottom of the picture.
+    /// Full angle in radians from the left to the right of a picture of any size.
+    Horizontal(f64),
+    /// Full angle in radians from the top to the bottom of the picture, whose size the file may leave open.
     Vertical(f64, Option<[usize; 2]>),
     /// Height of the picture, world units, of an orthographic camera.
     Orthographic(f64),
@@ -87,7 +87,7 @@ pub fn read_cameras(path: &Path, size: Option<[usize; 2]>) -> Result<Vec<NamedCa
 /// Reads the first camera of a file, as [`read_cameras`].
 ///
 /// # Errors
-/// Those of [`read_cameras`].
+/// The errors of [`read_cameras`].
 pub fn read_camera(path: &Path, size: Option<[usize; 2]>) -> Result<Camera> {
     let cameras = read_cameras(path, size)?;
     let first = cameras.into_iter().next();
@@ -101,7 +101,7 @@ pub fn read_camera(path: &Path, size: Option<[usize; 2]>) -> Result<Camera> {
 /// - `size`: width and height of the pictures; without it those of the first camera, or `default`.
 ///
 /// # Errors
-/// Those of [`read_cameras`] and of [`CameraPath::read`].
+/// The errors of [`read_cameras`] and of [`CameraPath::read`].
 pub fn read_sequence(
     path: &Path,
     size: Option<[usize; 2]>,
@@ -166,8 +166,8 @@ impl Optics {
     fn size(&self) -> Option<[usize; 2]> {
         match *self {
             Self::Calibrated { size, .. } => Some(size),
-            Self::Horizontal(_, size) | Self::Vertical(_, size) => size,
-            Self::Orthographic(_) => None,
+            Self::Vertical(_, size) => size,
+            Self::Horizontal(_) | Self::Orthographic(_) => None,
         }
     }
 }
@@ -188,7 +188,7 @@ impl Stated {
                 let scale = (DVec2::new(width, height) / own).min_element();
                 (focal_px * scale, (centre_px - own / 2.0) * scale + half)
             }
-            Optics::Horizontal(angle, _) => (DVec2::splat(half.x / (angle / 2.0).tan()), half),
+            Optics::Horizontal(angle) => (DVec2::splat(half.x / (angle / 2.0).tan()), half),
             Optics::Vertical(angle, _) => (DVec2::splat(half.y / (angle / 2.0).tan()), half),
             Optics::Orthographic(world) => (DVec2::splat(height / world), half),
         };
@@ -268,7 +268,8 @@ fn size_of(width: f64, height: f64) -> Option<[usize; 2]> {
 mod tests {
     use super::*;
 
-    /// Where pycolmap 4.2 and numpy project this point, without distortion, in pictures of each camera's size.
+    /// The point that pycolmap 4.2 and numpy project to the pixels below, without distortion, in pictures of each camera's
+    /// size.
     const POINT: DVec3 = DVec3::new(0.3, -0.2, 0.1);
 
     fn fixture(name: &str) -> std::path::PathBuf {
