@@ -15,7 +15,6 @@ use crate::error::{Error, Result};
 use crate::frame::backdrop::GivenBackdrop;
 use crate::image::{DepthImage, Image};
 use crate::io::{CellMesh, Dataset, Geometry, SphKernel, Up};
-use crate::legend::title_of;
 use crate::load::choices::{functions_of_all, with_shared};
 use crate::load::collection::{SentUp, arrays_of, corners_of};
 use crate::load::parts::{distribute, held_together, outline_of_all};
@@ -530,14 +529,8 @@ fn joined(
     ranks: &mut dyn Collective,
 ) -> Result<Sampled> {
     let mut sampled = Sampled {
-        volumes: Vec::new(),
-        smoothing: None,
-        titles: Vec::new(),
-        units: Vec::new(),
-        fields: Vec::new(),
-        firsts: Vec::new(),
         counts,
-        placement: None,
+        ..Sampled::default()
     };
     let mut placement = Placement::default();
     let (mut reports, mut nothing) = (Vec::new(), None);
@@ -581,11 +574,7 @@ fn joined(
             if count == 0 {
                 continue;
             }
-            let end = sampled.titles.len() + count;
-            let title = field.as_deref().map(|f| title_of(f, unit.as_deref()));
-            sampled.titles.resize(end, title);
-            sampled.units.resize(end, unit);
-            sampled.fields.resize(end, field);
+            sampled.note(count, field, unit);
             reports.push(SampleReport {
                 smoothing,
                 ..SampleReport::default()

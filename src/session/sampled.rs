@@ -6,7 +6,7 @@ use super::source::Source;
 use crate::clock::Instant;
 use crate::error::{Error, Result};
 use crate::io::SphKernel;
-use crate::legend::ColourBar;
+use crate::legend::{ColourBar, title_of};
 use crate::ranks::Share;
 use crate::render::Renderer;
 use crate::sample::{MeanPart, TransferChoice};
@@ -114,7 +114,7 @@ pub struct Ready {
 }
 
 /// Sampled volumes with their titles, fields and numbers of surfels.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Sampled {
     /// The volumes.
     pub volumes: Vec<PointVolume>,
@@ -152,6 +152,15 @@ impl Placement {
 }
 
 impl Sampled {
+    /// Notes the field and the unit that the next `count` volumes show.
+    pub(super) fn note(&mut self, count: usize, field: Option<String>, unit: Option<String>) {
+        let end = self.titles.len() + count;
+        let title = field.as_deref().map(|f| title_of(f, unit.as_deref()));
+        self.titles.resize(end, title);
+        self.units.resize(end, unit);
+        self.fields.resize(end, field);
+    }
+
     /// Returns the name and the unit of the field, if all volumes show the same.
     pub fn title(&self) -> (Option<String>, Option<String>) {
         let common = |all: &[Option<String>]| {

@@ -23,7 +23,7 @@ use crate::frame::settings::Settings;
 #[cfg(feature = "gpu")]
 use crate::gpu::Gpu;
 use crate::io::{Dataset, Geometry, Up};
-use crate::legend::{ColourBar, title_of};
+use crate::legend::ColourBar;
 use crate::load::{SurfelDemand, prefer, sample_together};
 use crate::ranks::renderer::shared;
 use crate::render::Renderer;
@@ -200,14 +200,9 @@ impl State {
         }
         let scenes = sample_together(&options, |i, options| sources[i].scene(options))?;
         let mut sampled = Sampled {
-            volumes: Vec::new(),
             smoothing: common_smoothing(scenes.iter().map(|scene| &scene.report)),
-            titles: Vec::new(),
-            units: Vec::new(),
-            fields: Vec::new(),
-            firsts: Vec::new(),
             counts,
-            placement: None,
+            ..Sampled::default()
         };
         for ((thing, _), scene) in self.sources().zip(scenes) {
             if thing == sampled.firsts.len() {
@@ -215,12 +210,9 @@ impl State {
                 let is_whole = report.sample_count == report.particle_count;
                 sampled.firsts.push((sampled.volumes.len(), is_whole));
             }
+            let count = scene.volumes.len();
             sampled.volumes.extend(scene.volumes);
-            let (field, unit) = (scene.report.field, scene.report.unit);
-            let title = field.as_deref().map(|f| title_of(f, unit.as_deref()));
-            sampled.titles.resize(sampled.volumes.len(), title);
-            sampled.units.resize(sampled.volumes.len(), unit);
-            sampled.fields.resize(sampled.volumes.len(), field);
+            sampled.note(count, scene.report.field, scene.report.unit);
         }
         Ok(sampled)
     }

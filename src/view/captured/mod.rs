@@ -204,21 +204,15 @@ impl Stated {
             width: size[0],
             height: size[1],
         };
-        let numbers = [
-            camera.eye.to_array().as_slice(),
-            &focal_px.to_array(),
-            &centre_px.to_array(),
-        ]
-        .concat();
-        if numbers.iter().any(|x| !x.is_finite()) || focal_px.min_element() <= 0.0 {
+        camera.validate().map_err(|error| {
             let expected = "finite numbers, and positive focal lengths";
-            return Err(fault(
+            fault(
                 path,
                 format!("camera {}", self.name),
                 expected,
-                format!("{:?}", self.optics),
-            ));
-        }
+                error.to_string(),
+            )
+        })?;
         Ok(NamedCamera {
             name: self.name,
             camera,
