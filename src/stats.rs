@@ -42,6 +42,46 @@ pub struct FrameCounts {
     pub splat_pixels: u64,
 }
 
+impl FrameCounts {
+    /// Adds the counts of a frame that drew another part of the picture.
+    pub(crate) fn add(&mut self, part: &Self) {
+        let Self {
+            blocks,
+            blocks_culled,
+            block_filters,
+            blocks_merged,
+            classified,
+            pieces,
+            footprints,
+            surfels,
+            footprints_exact,
+            footprints_near,
+            lattice_level,
+            supersampled_tiles,
+            narrow,
+            tile_entries,
+            splat_pixels,
+        } = *part;
+        self.blocks += blocks;
+        self.blocks_culled += blocks_culled;
+        for (own, of_part) in self.block_filters.iter_mut().zip(block_filters) {
+            *own += of_part;
+        }
+        self.blocks_merged += blocks_merged;
+        self.classified += classified;
+        self.pieces += pieces;
+        self.footprints += footprints;
+        self.surfels += surfels;
+        self.footprints_exact += footprints_exact;
+        self.footprints_near += footprints_near;
+        self.lattice_level = self.lattice_level.max(lattice_level);
+        self.supersampled_tiles += supersampled_tiles;
+        self.narrow += narrow;
+        self.tile_entries += tile_entries;
+        self.splat_pixels += splat_pixels;
+    }
+}
+
 /// Milliseconds per stage of a frame.
 ///
 /// On the GPU the stages' times are the device's own timestamps, 0 if the adapter has none.

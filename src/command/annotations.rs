@@ -46,6 +46,17 @@ impl AnnotationOptions {
         self.outline
     }
 
+    /// Returns whether nothing is asked for.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.first().is_none()
+    }
+
+    /// Returns the name of an option that draws in space, if one is given.
+    pub(crate) fn in_space(&self) -> Option<&'static str> {
+        self.first()
+            .filter(|name| ["--axes", "--outline", "--scale-bar"].contains(name))
+    }
+
     /// Returns the first option that is given.
     fn first(&self) -> Option<&'static str> {
         [

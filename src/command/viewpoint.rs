@@ -10,7 +10,7 @@ use crate::view::{
 };
 use crate::{Error, Renderer, Result};
 use clap::{Args, ValueEnum};
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 
 use super::parse;
 use super::parse::WindowBox;
@@ -24,6 +24,15 @@ const MOST_NAMES: usize = 8;
 
 /// Default width and height of a rendering in pixels.
 pub(crate) const DEFAULT_SIZE: [usize; 2] = [1024, 1024];
+
+/// Horizon of a panorama.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Horizon {
+    /// It lies across the middle, whatever the direction of view.
+    Level,
+    /// It turns with the direction of view.
+    Free,
+}
 
 /// Defaults of a picture, for cameras whose options do not set them.
 #[derive(Clone, Copy)]
@@ -42,6 +51,8 @@ pub(crate) struct Canvas {
     /// Corners of a box that fills a picture along an axis if no option says what it shows, and if it has the picture's
     /// shape.
     pub(crate) filled_by: Option<[DVec3; 2]>,
+    /// For panoramas, which are taken from the middle of the data unless an option gives the eye.
+    pub(crate) within: Option<Horizon>,
 }
 
 impl Canvas {
@@ -54,6 +65,7 @@ impl Canvas {
             room_px: 0,
             along: None,
             filled_by: None,
+            within: None,
         }
     }
 
@@ -225,6 +237,9 @@ impl CameraOptions {
         if let Some(camera) = self.read.get() {
             return Ok(camera.clone());
         }
+        if let Some(horizon) = canvas.within {
+            return Ok(self.within(0.0, boxes, default_up, canvas, horizon));
+        }
         if let Some(along) = self.axis(canvas) {
             return self.camera_along(along, boxes, canvas);
         }
@@ -351,6 +366,9 @@ impl CameraOptions {
         default_up: Up,
         canvas: &Canvas,
     ) -> Result<Camera> {
+        if let Some(horizon) = canvas.within {
+            return Ok(self.within(turn_deg, boxes, default_up, canvas, horizon));
+        }
         if self.fit == Some(Fit::View) {
             return Err(Error::invalid(
                 "--fit",
@@ -403,6 +421,80 @@ impl CameraOptions {
         self.aimed(fitted, boxes)
     }
 
+    /// Returns the camera of a panorama, turned by some degrees.
+    fn within(
+        &self,
+        turn_deg: f64,
+        boxes: &[Bounds],
+        default_up: Up,
+        canvas: &Canvas,
+        horizon: Horizon,
+    ) -> Camera {
+        let up = self.up.unwrap_or(default_up.direction);
+        let centre = sphere_around(boxes).map_or(DVec3::ZERO, |(centre, _)| centre);
+        let eye = self.eye.unwrap_or(centre);
+        let says_where = self.azimuth.is_some() || self.elevation.is_some();
+        let looked_at = self.target.or(Some(centre)).filter(|_| !says_where);
+        let forward = match looked_at.and_then(|at| (at - eye).try_normalize()) {
+            Some(forward) => forward,
+            None => {
+                let viewpoint = Viewpoint {
+                    azimuth_deg: self.azimuth.unwrap_or(0.0),
+                    elevation_deg: self.elevation.unwrap_or(0.0),
+                    zoom: 1.0,
+                    up,
+                };
+                viewpoint.forward()
+            }
+        };
+        let forward = match horizon {
+            Horizon::Level => forward.reject_from_normalized(up),
+            Horizon::Free => forward,
+        };
+        let turn = DQuat::from_axis_angle(up, turn_deg.to_radians());
+        let forward = match forward.length() > 1e-9 {
+            true => turn * forward,
+            false => up.any_orthonormal_vector(),
+        };
+        // A direction is exact wherever the eye is.
+        let camera = Camera::perspective(DVec3::ZERO, forward, up, 90.0, canvas.size());
+        Camera { eye, ..camera }
+    }
+
+    /// Returns the name of an option that has no use for panoramas, if one is given.
+    pub(crate) fn of_planes(&self) -> Option<&'static str> {
+        first_of([
+            ("--fov", self.fov.is_some()),
+            ("--ortho", self.ortho.is_some()),
+            ("--zoom", self.zoom.is_some()),
+            ("--along", self.along.is_some()),
+            ("--window", self.window.is_some()),
+            ("--fit", self.fit.is_some()),
+        ])
+    }
+
+    /// Returns the name of an option that has no use for parallel rays, if one is given.
+    pub(crate) fn of_perspective(&self) -> Option<&'static str> {
+        first_of([
+            ("--fov", self.fov.is_some()),
+            ("--camera", self.camera.is_some()),
+            (
+                "--eye without --ortho",
+                self.eye.is_some() && self.ortho.is_none(),
+            ),
+        ])
+    }
+
+    /// Returns the name of an option that says where to look, if one is given.
+    pub(crate) fn of_direction(&self) -> Option<&'static str> {
+        first_of([
+            ("--target", self.target.is_some()),
+            ("--up", self.up.is_some()),
+            ("--azimuth", self.azimuth.is_some()),
+            ("--elevation", self.elevation.is_some()),
+        ])
+    }
+
     /// Moves a camera fitted to boxes so that the target is in the middle, if one is given.
     fn aimed(&self, fitted: Camera, boxes: &[Bounds]) -> Camera {
         let centre = sphere_around(boxes).map(|(centre, _)| centre);
@@ -419,6 +511,12 @@ impl CameraOptions {
             _ => fitted,
         }
     }
+}
+
+/// Returns the name of the first option that is given.
+fn first_of<const N: usize>(options: [(&'static str, bool); N]) -> Option<&'static str> {
+    let mut given = options.into_iter();
+    given.find_map(|(name, is_given)| is_given.then_some(name))
 }
 
 /// Returns the size of a picture of some shape, whose longer side has a number of pixels.

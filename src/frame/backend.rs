@@ -181,6 +181,12 @@ impl FrameReport {
         self.counts.supersampled_tiles += tiles;
         self.times.add(&samples.times);
     }
+
+    /// Adds the counts and times of a frame that drew another part of the picture.
+    pub(crate) fn add_part(&mut self, part: &Self) {
+        self.counts.add(&part.counts);
+        self.times.add(&part.times);
+    }
 }
 
 /// A back end: it keeps its own copy of a scene's data and draws plans of frames of the scene.

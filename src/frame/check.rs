@@ -9,9 +9,9 @@ use crate::splat::Filter;
 use crate::view::Camera;
 
 /// Greatest width and height of an image: pixel ranges are half words.
-const MAX_IMAGE_SIZE: usize = 65_535;
+pub(crate) const MAX_IMAGE_SIZE: usize = 65_535;
 /// Greatest number of pixels of an image: 5 GiB of tiles and picture.
-const MAX_IMAGE_PIXELS: usize = 1 << 27;
+pub(crate) const MAX_IMAGE_PIXELS: usize = 1 << 27;
 
 /// Checks a camera and settings, and refuses those that cannot be drawn.
 ///

@@ -13,6 +13,7 @@
 //! | `levels.rs` | the choice of coarser lattices |
 //! | `column.rs` | column densities |
 //! | `deep.rs` | deep images |
+//! | `panorama.rs` | panoramas: pictures of all directions around an eye |
 //! | `device.rs` | the caller's devices and textures; frames without waiting |
 //! | `pick.rs` | the particles that a pixel shows |
 
@@ -24,6 +25,7 @@ mod deep;
 mod device;
 mod levels;
 mod options;
+mod panorama;
 mod pick;
 mod renderer;
 

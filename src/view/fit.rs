@@ -100,6 +100,18 @@ impl Viewpoint {
         size: [usize; 2],
         extent: impl Fn(DVec3) -> (f64, f64),
     ) -> Option<Camera> {
+        let mut camera = facing(self.directions(), lens, size, extent)?;
+        camera.focal_px *= self.zoom;
+        Some(camera)
+    }
+
+    /// Returns the direction of view, unit length.
+    pub(crate) fn forward(&self) -> DVec3 {
+        self.directions()[0]
+    }
+
+    /// Returns the direction of view and what is up in the picture, unit length.
+    fn directions(&self) -> [DVec3; 2] {
         let (azimuth, elevation) = (
             self.azimuth_deg.to_radians(),
             self.elevation_deg.to_radians(),
@@ -116,10 +128,7 @@ impl Viewpoint {
             elevation.cos(),
         );
         let upright = DQuat::from_rotation_arc(DVec3::Z, self.up);
-        let (forward, up) = (upright * forward, upright * up);
-        let mut camera = facing([forward, up], lens, size, extent)?;
-        camera.focal_px *= self.zoom;
-        Some(camera)
+        [forward, up].map(|direction| upright * direction)
     }
 }
 

@@ -11,6 +11,7 @@ mod camera_path;
 mod captured;
 mod clip;
 mod fit;
+mod panorama;
 
 pub use along::{Along, Window};
 pub use camera::{Camera, Projection};
@@ -18,3 +19,5 @@ pub use camera_path::{CameraPath, KeyCamera};
 pub use captured::{NamedCamera, read_camera, read_cameras, read_sequence};
 pub use clip::{ClipPlane, clip_boxes, left_of};
 pub use fit::{Bounds, DEFAULT_FOV_DEG, Lens, Viewpoint, sphere_around};
+pub(crate) use panorama::Face;
+pub use panorama::{FisheyeRule, MOST_FISHEYE_DEG, Mapping, Panorama};

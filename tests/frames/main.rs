@@ -71,6 +71,7 @@ mod maximum;
 mod mesh_lines;
 mod mesh_pictures;
 mod pairs;
+mod panoramas;
 mod pick;
 mod post_classification;
 mod promise;

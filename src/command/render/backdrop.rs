@@ -42,6 +42,11 @@ enum DepthName {
 }
 
 impl BackdropOptions {
+    /// Returns true if nothing stands in the picture already.
+    pub(super) fn is_empty(&self) -> bool {
+        self.depth_in.is_none() && self.background_image.is_none()
+    }
+
     /// Reads the files. Returns the size of a picture with this backdrop, if there is one.
     ///
     /// # Errors

@@ -34,6 +34,7 @@ impl Arguments {
             self.size.get_or_insert(size);
         }
         self.camera.read_file(self.size)?;
+        self.check_projection()?;
         if let Some(lighting) = self.lighting() {
             lighting.validate()?;
         }
@@ -96,6 +97,7 @@ impl Arguments {
                 fault("--stats", "one picture", "a sequence of them")
             }
             true => Animation::check_path(&self.out),
+            false if self.projection.is_sky() => Ok(()),
             false => check_image_path(&self.out),
         }
     }

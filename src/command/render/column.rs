@@ -60,13 +60,13 @@ impl Arguments {
             settings = ColumnMeans::settings(&settings);
         }
         progress.set_message("summing");
-        renderer.column_density(&camera, &settings)?;
+        self.summed(renderer, &camera, &settings)?;
         let mut times = vec![renderer.times()];
         if let Some(frames) = self.output.frames {
             times.clear();
             progress.set_length(u64::from(frames));
             for _ in 0..frames {
-                renderer.column_density(&camera, &settings)?;
+                self.summed(renderer, &camera, &settings)?;
                 times.push(renderer.times());
                 progress.inc(1);
             }
@@ -102,7 +102,7 @@ impl Arguments {
         // A camera that was given leaves no room.
         if let Some(beside) = beside.filter(|beside| *beside != camera) {
             camera = beside;
-            renderer.column_density(&camera, &settings)?;
+            self.summed(renderer, &camera, &settings)?;
             column = shown(renderer.column(), &camera)?;
             colours = column_colours(&column, look.map, look.range, look.scale)?;
         }

@@ -68,7 +68,7 @@ impl Arguments {
             times.clear();
             progress.set_length(u64::from(frames));
             for _ in 0..frames {
-                renderer.render(camera, &settings)?;
+                self.drawn(renderer, camera, &settings)?;
                 times.push(renderer.times());
                 progress.inc(1);
             }

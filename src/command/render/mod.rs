@@ -6,6 +6,7 @@
 //! | `settings.rs` | options as settings |
 //! | `check.rs` | refusals |
 //! | `scene.rs` | the scene, loaded and sorted into blocks |
+//! | `projection.rs` | panoramas |
 //! | `backdrop.rs` | what stands in the picture already |
 //! | `image.rs` | one picture |
 //! | `sequence.rs` | sequences of pictures |
@@ -23,6 +24,7 @@ mod count;
 mod ending;
 mod image;
 mod options;
+mod projection;
 mod reference;
 mod scene;
 mod sequence;

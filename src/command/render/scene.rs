@@ -8,7 +8,7 @@ use crate::collective::{Alone, Collective};
 use crate::command::legend::bars;
 use crate::command::progress::{note, observer_of};
 use crate::command::truth::{ReferenceName, Truth};
-use crate::command::viewpoint::Canvas;
+use crate::command::viewpoint::{Canvas, DEFAULT_LENS, DEFAULT_SIZE, Horizon};
 use crate::data::smoothing::SphKernel;
 use crate::data::up::Up;
 use crate::io::write_bytes_atomically;
@@ -168,10 +168,22 @@ impl Arguments {
 
 impl Arguments {
     /// Returns the canvas of a picture without a legend.
-    fn canvas(&self) -> Canvas {
+    pub(super) fn canvas(&self) -> Canvas {
         Canvas {
             along: self.default_axis(),
             filled_by: self.periodic_box().map(|periodic| periodic.corners()),
+            default_size: self.projection.default_size().unwrap_or(DEFAULT_SIZE),
+            lens: match self.projection.is_ortho() {
+                true => Lens::OrthoHeight(None),
+                false => DEFAULT_LENS,
+            },
+            within: self
+                .projection
+                .is_panorama()
+                .then_some(match self.projection.is_level() {
+                    true => Horizon::Level,
+                    false => Horizon::Free,
+                }),
             ..Canvas::of(self.size)
         }
     }

@@ -74,7 +74,7 @@ impl Arguments {
     ) -> Result<()> {
         let is_first = ranks.as_ref().is_none_or(|ranks| ranks.rank() == 0);
         let planes = self.clip_planes();
-        let whole = Canvas::of(self.size);
+        let whole = self.canvas();
         let steps: Vec<&[Input]> = self.inputs.chunk_by(|a, b| a.step == b.step).collect();
         let series = self.data.series(&self.inputs, options, progress);
         let series = match &mut ranks {

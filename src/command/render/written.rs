@@ -6,7 +6,11 @@ use super::ending::{Ending, Facts, Recorded};
 use super::options::Arguments;
 use super::tiles::Drawn;
 use crate::image::Image;
-use crate::io::{carries_record, shown_count, write_column_with, write_image_with};
+use crate::io::{
+    carries_record, is_fits, shown_count, write_column_with, write_image_with, write_sky,
+    write_sky_column,
+};
+use crate::render::ColumnSettings;
 use crate::view::Camera;
 use crate::{Renderer, Result, Settings, Show};
 
@@ -40,6 +44,8 @@ impl Arguments {
         let record = self.record(facts, None);
         let record = record.as_deref();
         match drawn {
+            Drawn::Picture(image) if is_fits(&self.out) => write_sky(&self.out, image),
+            Drawn::Column(column) if is_fits(&self.out) => write_sky_column(&self.out, column),
             Drawn::Picture(image) => write_image_with(&self.out, image, record),
             Drawn::Count(count) => {
                 write_image_with(&self.out, &shown_count(&self.out, count), record)
@@ -55,6 +61,12 @@ impl Arguments {
         camera: &Camera,
         settings: &Settings,
     ) -> Result<&'a Image> {
+        if let Some(panorama) = self.projection.panorama(camera) {
+            if let Some(comparison) = self.ending.comparison() {
+                comparison.check_size([panorama.width, panorama.height])?;
+            }
+            return renderer.render_panorama(&panorama, settings);
+        }
         let Some(comparison) = self.ending.comparison() else {
             return renderer.render(camera, settings);
         };
@@ -65,6 +77,19 @@ impl Arguments {
                 renderer.render_tiles(camera, settings, tiles)
             }
             _ => renderer.render(camera, settings),
+        }
+    }
+
+    /// Draws the columns of a picture or a panorama.
+    pub(super) fn summed(
+        &self,
+        renderer: &mut Renderer,
+        camera: &Camera,
+        settings: &ColumnSettings,
+    ) -> Result<()> {
+        match self.projection.panorama(camera) {
+            Some(panorama) => renderer.column_panorama(&panorama, settings).map(|_| ()),
+            None => renderer.column_density(camera, settings).map(|_| ()),
         }
     }
 
