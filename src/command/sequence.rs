@@ -76,7 +76,7 @@ impl SequenceOptions {
         match (&self.camera_path, self.turntable) {
             (Some(path), _) => {
                 let cameras = read_sequence(path, canvas.size, canvas.default_size)?;
-                if cameras.iter().any(|camera| camera.is_distorted) {
+                if cameras.iter().any(|camera| camera.mapping.is_some()) {
                     note!("the cameras' lens distorts, the pictures do not");
                 }
                 Ok(cameras.into_iter().map(|own| own.camera).collect())

@@ -95,7 +95,7 @@ pub(crate) struct CameraOptions {
     camera_name: Option<String>,
     /// Camera in the file. It is read once, because a pipe cannot be read again.
     #[arg(skip)]
-    read: OnceLock<Camera>,
+    read: OnceLock<NamedCamera>,
     /// Position of the eye; without it the camera is fitted to what is visible
     #[arg(long, value_name = "x,y,z", value_parser = parse::vector, allow_hyphen_values = true,
           conflicts_with_all = ["azimuth", "elevation", "zoom"])]
@@ -173,16 +173,32 @@ impl CameraOptions {
     }
 
     /// Reads the camera's file, if one is named and was not read before.
-    pub(crate) fn read_file(&self, size: Option<[usize; 2]>) -> Result<()> {
+    ///
+    /// - `is_bent`: whether the picture is drawn as the camera's lens bends it.
+    pub(crate) fn read_file(
+        &self,
+        size: Option<[usize; 2]>,
+        is_bent: impl Fn(&NamedCamera) -> bool,
+    ) -> Result<()> {
         if let (Some(path), None) = (&self.camera, self.read.get()) {
             let camera = self.chosen(path, read_cameras(path, size)?)?;
+            if camera.mapping.is_some() && !is_bent(&camera) {
+                note!(
+                    "the camera's lens distorts, the picture does not (render --projection lens)"
+                );
+            }
             self.read.get_or_init(|| camera);
         }
         Ok(())
     }
 
+    /// Returns the camera of the file, once it was read.
+    pub(crate) fn named(&self) -> Option<&NamedCamera> {
+        self.read.get()
+    }
+
     /// Returns the camera that `--camera-name` names, or the first.
-    fn chosen(&self, path: &Path, mut cameras: Vec<NamedCamera>) -> Result<Camera> {
+    fn chosen(&self, path: &Path, mut cameras: Vec<NamedCamera>) -> Result<NamedCamera> {
         let count = cameras.len();
         let index = match &self.camera_name {
             None => 0,
@@ -219,10 +235,7 @@ impl CameraOptions {
                 camera.name
             );
         }
-        if camera.is_distorted {
-            note!("the camera's lens distorts, the picture does not");
-        }
-        Ok(camera.camera)
+        Ok(camera)
     }
 
     /// Returns the camera for data within `boxes`. If there are no boxes to fit, it returns an
@@ -233,9 +246,9 @@ impl CameraOptions {
         default_up: Up,
         canvas: &Canvas,
     ) -> Result<Camera> {
-        self.read_file(canvas.size)?;
-        if let Some(camera) = self.read.get() {
-            return Ok(camera.clone());
+        self.read_file(canvas.size, |_| false)?;
+        if let Some(named) = self.read.get() {
+            return Ok(named.camera.clone());
         }
         if let Some(horizon) = canvas.within {
             return Ok(self.within(0.0, boxes, default_up, canvas, horizon));

@@ -10,6 +10,7 @@ mod camera_file;
 mod camera_path;
 mod captured;
 mod clip;
+mod distortion;
 mod fit;
 mod panorama;
 
@@ -18,6 +19,7 @@ pub use camera::{Camera, Projection};
 pub use camera_path::{CameraPath, KeyCamera};
 pub use captured::{NamedCamera, read_camera, read_cameras, read_sequence};
 pub use clip::{ClipPlane, clip_boxes, left_of};
+pub use distortion::Distortion;
 pub use fit::{Bounds, DEFAULT_FOV_DEG, Lens, Viewpoint, sphere_around};
 pub(crate) use panorama::Face;
 pub use panorama::{FisheyeRule, MOST_FISHEYE_DEG, Mapping, Panorama};

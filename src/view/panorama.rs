@@ -5,6 +5,7 @@ use std::f64::consts::{FRAC_PI_4, PI};
 use glam::{DMat3, DVec2, DVec3};
 
 use super::camera::{Camera, is_rotation};
+use super::distortion::Distortion;
 use crate::error::{Error, Result};
 
 /// Greatest field of view of a fisheye, degrees.
@@ -48,6 +49,15 @@ pub enum Mapping {
     /// Six square pictures of 90 degrees in a row: right, left, up, down, front, back. The lower edge of the one that looks up, and the
     /// upper edge of the one that looks down, adjoin the front.
     Cube,
+    /// The picture of a calibrated lens.
+    Lens {
+        /// How the lens bends the picture.
+        distortion: Distortion,
+        /// (fx, fy): pixels per unit of slope, or per radian of a fisheye.
+        focal_px: DVec2,
+        /// (cx, cy): the pixel coordinate of the optical axis.
+        centre_px: DVec2,
+    },
     /// A row of pixels of equal areas on the sphere in the ring order of HEALPix (Górski et al. 2005): 12 n² pixels in one row, n a
     /// power of two.
     /// Directions are the camera's: +z has colatitude 0, and longitudes go from +x to +y.
@@ -129,6 +139,17 @@ impl Panorama {
             Mapping::Cube if self.width != self.height.saturating_mul(6) => {
                 fault("size", "six squares in a row", size)
             }
+            Mapping::Lens {
+                focal_px,
+                centre_px,
+                ..
+            } if !(focal_px.min_element() > 0.0
+                && focal_px.is_finite()
+                && centre_px.is_finite()) =>
+            {
+                let found = format!("focal lengths {focal_px}, axis {centre_px}");
+                fault("lens", "finite numbers and positive focal lengths", found)
+            }
             Mapping::Healpix if self.side().is_none() => {
                 let expected = "one row of 12 n² pixels, n a power of two up to 2048";
                 fault("size", expected, size)
@@ -164,6 +185,7 @@ impl Panorama {
                     FisheyeRule::Equisolid => 2.0 * (half / 2.0).sin() / radius,
                 }
             }
+            Mapping::Lens { focal_px, .. } => 1.0 / focal_px.max_element(),
             Mapping::Cube => 2.0 / height,
             Mapping::Healpix => (4.0 * PI / width).sqrt(),
         }
@@ -196,6 +218,11 @@ impl Panorama {
                 let across = from_middle.normalize_or_zero() * sin;
                 (share <= 1.0).then(|| across.extend(cos))
             }
+            Mapping::Lens {
+                distortion,
+                focal_px,
+                centre_px,
+            } => distortion.direction((place - centre_px) / focal_px),
             Mapping::Cube => {
                 let face = pixel[0] / self.height;
                 let on_face = (place - DVec2::new((face * self.height) as f64, 0.0)) / size.y;

@@ -22,6 +22,7 @@ mod json;
 mod manners;
 #[cfg(all(target_os = "linux", feature = "prepared"))]
 mod memory;
+mod panoramas;
 mod rooms;
 mod scenes;
 mod splats;

@@ -1,5 +1,7 @@
 //! Refuses impossible requests, and options that do not apply to the data.
 
+use std::path::Path;
+
 use super::options::{
     Arguments, BackendName, ClassifyName, CompositeName, FilterName, Method, Opacity, ShowName,
 };
@@ -9,7 +11,7 @@ use crate::command::outputs::{check_collisions, paths};
 use crate::command::statistics::is_standard_output;
 use crate::command::usage::{CLASSIFIED, is_filtered, is_surface, refuse_beside, refuse_unused};
 use crate::command::{animation, ranks};
-use crate::io::{check_deep_path, check_depth_path, check_folder, check_image_path};
+use crate::io::{check_deep_path, check_depth_path, check_folder, check_image_path, is_fits};
 use crate::load::Loaded;
 use crate::render::nothing_lit;
 use crate::scene::{Particles, PointVolume};
@@ -33,7 +35,8 @@ impl Arguments {
         if let Some(size) = self.backdrop.read()? {
             self.size.get_or_insert(size);
         }
-        self.camera.read_file(self.size)?;
+        self.camera
+            .read_file(self.size, |named| self.projection.is_lens_of(named))?;
         self.check_projection()?;
         if let Some(lighting) = self.lighting() {
             lighting.validate()?;
@@ -100,6 +103,82 @@ impl Arguments {
             false if self.projection.is_sky() => Ok(()),
             false => check_image_path(&self.out),
         }
+    }
+
+    /// Refuses options that the projection has no use for.
+    pub(super) fn check_projection(&self) -> Result<()> {
+        self.projection.check()?;
+        let fault = |option: &'static str, found: &str| {
+            let expected = "perspective or ortho";
+            Err(Error::invalid(
+                option,
+                "--projection",
+                expected,
+                found,
+                "leave it out",
+            ))
+        };
+        let named = self.camera.named();
+        let is_bent = named.is_some_and(|named| named.mapping.is_some());
+        if self.projection.is_lens() && !is_bent {
+            let expected = "--camera with a file whose lens distorts, a fisheye or a sphere";
+            return Err(Error::invalid(
+                "--projection lens",
+                "camera",
+                expected,
+                "another one",
+                "leave it out",
+            ));
+        }
+        if !self.projection.is_panorama(named) {
+            return match self.camera.of_perspective() {
+                Some(option) if self.projection.is_ortho() => {
+                    let expected = "perspective";
+                    Err(Error::invalid(
+                        option,
+                        "--projection",
+                        expected,
+                        "ortho",
+                        "leave it out",
+                    ))
+                }
+                _ => Ok(()),
+            };
+        }
+        let (method, output) = (&self.method, &self.output);
+        let of_planes = [
+            ("--reference", method.reference.is_some()),
+            ("--measure-error", method.measure_error),
+            ("--calibrate", method.calibrate),
+            ("--slice", method.slice.is_some()),
+            ("--column-mean", method.column_mean.is_some()),
+            ("--deep", output.deep.is_some()),
+            ("--depth-of", output.depth_of.of_deep().is_some()),
+            ("--show count", matches!(output.show, ShowName::Count)),
+            ("--depth-in", !self.backdrop.is_empty()),
+            ("--mpi", self.mpi),
+        ];
+        let of_planes = of_planes
+            .into_iter()
+            .find_map(|(name, is_given)| is_given.then_some(name));
+        let of_camera = || self.camera.of_planes().or(self.annotations.in_space());
+        if let Some(option) = of_planes.or_else(of_camera) {
+            return fault(option, "a panorama");
+        }
+        if !self.projection.is_sky() {
+            return Ok(());
+        }
+        let sky = "an all-sky map, which is in the data's axes";
+        if let Some(option) = self.camera.of_direction() {
+            return fault(option, sky);
+        }
+        if self.size.is_some() {
+            return fault("--size", "a healpix map, whose size --nside says");
+        }
+        if self.sequence.is_asked_for() || self.legend.legend || !self.annotations.is_empty() {
+            return fault("a sequence, a legend or annotations", "an all-sky map");
+        }
+        check_sky_path(&self.out)
     }
 
     /// Refuses a camera that does not look at a slice from the front, and a back end that draws none.
@@ -292,6 +371,25 @@ impl Method {
             ("--classify", is_each, is_classified, CLASSIFIED),
         ])
     }
+}
+
+/// Refuses formats that hold no all-sky map.
+fn check_sky_path(path: &Path) -> Result<()> {
+    let is_npy = path
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("npy"));
+    if !is_npy && !is_fits(path) {
+        let found = path.display().to_string();
+        let expected = "fits or npy, for an all-sky map";
+        return Err(Error::invalid(
+            "--out",
+            "format",
+            expected,
+            found,
+            "name another",
+        ));
+    }
+    check_folder(path)
 }
 
 /// Refuses options of light if no volume has normals.

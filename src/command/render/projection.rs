@@ -1,12 +1,8 @@
 //! Defines the options of projections other than a plane: panoramas.
 
-use std::path::Path;
-
 use clap::{Args, ValueEnum};
 
-use super::options::{Arguments, ShowName};
-use crate::io::{check_folder, is_fits};
-use crate::view::{Camera, FisheyeRule, MOST_FISHEYE_DEG, Mapping, Panorama};
+use crate::view::{Camera, FisheyeRule, MOST_FISHEYE_DEG, Mapping, NamedCamera, Panorama};
 use crate::{Error, Result};
 
 /// Pixels along a base pixel of an all-sky map if no option says it: pixels of half a degree.
@@ -48,6 +44,8 @@ enum ProjectionName {
     Dome,
     /// Six squares in a row: right, left, up, down, front, back
     Cube,
+    /// As the lens of --camera's file sees it: distorted, a fisheye or a sphere [default for the last two]
+    Lens,
     /// An all-sky map in ring order and the axes of the data, fits or npy
     Healpix,
 }
@@ -74,9 +72,28 @@ fn nside(text: &str) -> std::result::Result<u32, String> {
 
 impl ProjectionOptions {
     /// Returns true if the picture is a panorama.
-    pub(in crate::command) fn is_panorama(&self) -> bool {
-        let plane = [ProjectionName::Perspective, ProjectionName::Ortho];
-        self.projection.is_some_and(|name| !plane.contains(&name))
+    ///
+    /// - `named`: the camera of a file, if it is one.
+    pub(super) fn is_panorama(&self, named: Option<&NamedCamera>) -> bool {
+        let plane = [
+            None,
+            Some(ProjectionName::Perspective),
+            Some(ProjectionName::Ortho),
+        ];
+        named.is_some_and(|named| self.is_lens_of(named)) || !plane.contains(&self.projection)
+    }
+
+    /// Returns true if the picture is to be that of a file's lens.
+    pub(super) fn is_lens(&self) -> bool {
+        self.projection == Some(ProjectionName::Lens)
+    }
+
+    /// Returns whether the picture of a file's camera is drawn as its lens bends it.
+    pub(super) fn is_lens_of(&self, named: &NamedCamera) -> bool {
+        match self.projection {
+            None => named.is_wide(),
+            Some(name) => name == ProjectionName::Lens,
+        }
     }
 
     /// Returns true if the rays are parallel.
@@ -91,7 +108,7 @@ impl ProjectionOptions {
 
     /// Returns whether the horizon of a panorama is level, whatever the direction of view.
     pub(super) fn is_level(&self) -> bool {
-        self.is_panorama() && self.projection != Some(ProjectionName::Fisheye)
+        self.projection != Some(ProjectionName::Fisheye)
     }
 
     /// Returns the size of a panorama's picture if no option says it.
@@ -100,12 +117,22 @@ impl ProjectionOptions {
             ProjectionName::Equirect => Some([2048, 1024]),
             ProjectionName::Cube => Some([3072, 512]),
             ProjectionName::Fisheye | ProjectionName::Dome => Some([1024, 1024]),
-            ProjectionName::Perspective | ProjectionName::Ortho | ProjectionName::Healpix => None,
+            ProjectionName::Perspective
+            | ProjectionName::Ortho
+            | ProjectionName::Lens
+            | ProjectionName::Healpix => None,
         }
     }
 
     /// Returns the panorama of a camera, or `None` for a picture of the camera itself.
-    pub(super) fn panorama(&self, camera: &Camera) -> Option<Panorama> {
+    pub(super) fn panorama(
+        &self,
+        camera: &Camera,
+        named: Option<&NamedCamera>,
+    ) -> Option<Panorama> {
+        if let Some(named) = named.filter(|named| self.is_lens_of(named)) {
+            return Some(Panorama::of_camera(camera, named.mapping?));
+        }
         let fov_deg = self.fisheye_fov.unwrap_or(DEFAULT_FISHEYE_DEG);
         let rule = match self.fisheye {
             Some(FisheyeName::Equisolid) => FisheyeRule::Equisolid,
@@ -113,7 +140,7 @@ impl ProjectionOptions {
         };
         let of = |mapping| Some(Panorama::of_camera(camera, mapping));
         match self.projection? {
-            ProjectionName::Perspective | ProjectionName::Ortho => None,
+            ProjectionName::Perspective | ProjectionName::Ortho | ProjectionName::Lens => None,
             ProjectionName::Equirect => of(Mapping::Equirectangular),
             ProjectionName::Fisheye => of(Mapping::Fisheye { rule, fov_deg }),
             ProjectionName::Dome => Some(Panorama::dome(camera, fov_deg)),
@@ -126,7 +153,7 @@ impl ProjectionOptions {
     }
 
     /// Refuses options of another projection.
-    fn check(&self) -> Result<()> {
+    pub(super) fn check(&self) -> Result<()> {
         let is_round = [ProjectionName::Fisheye, ProjectionName::Dome];
         let is_round = self.projection.is_some_and(|name| is_round.contains(&name));
         let is_fisheye = self.projection == Some(ProjectionName::Fisheye);
@@ -153,89 +180,4 @@ impl ProjectionOptions {
         }
         Ok(())
     }
-}
-
-impl Arguments {
-    /// Refuses options that the projection has no use for.
-    pub(super) fn check_projection(&self) -> Result<()> {
-        self.projection.check()?;
-        let fault = |option: &'static str, found: &str| {
-            let expected = "perspective or ortho";
-            Err(Error::invalid(
-                option,
-                "--projection",
-                expected,
-                found,
-                "leave it out",
-            ))
-        };
-        if !self.projection.is_panorama() {
-            return match self.camera.of_perspective() {
-                Some(option) if self.projection.is_ortho() => {
-                    let expected = "perspective";
-                    Err(Error::invalid(
-                        option,
-                        "--projection",
-                        expected,
-                        "ortho",
-                        "leave it out",
-                    ))
-                }
-                _ => Ok(()),
-            };
-        }
-        let (method, output) = (&self.method, &self.output);
-        let of_planes = [
-            ("--reference", method.reference.is_some()),
-            ("--measure-error", method.measure_error),
-            ("--calibrate", method.calibrate),
-            ("--slice", method.slice.is_some()),
-            ("--column-mean", method.column_mean.is_some()),
-            ("--deep", output.deep.is_some()),
-            ("--depth-of", output.depth_of.of_deep().is_some()),
-            ("--show count", matches!(output.show, ShowName::Count)),
-            ("--depth-in", !self.backdrop.is_empty()),
-            ("--mpi", self.mpi),
-        ];
-        let of_planes = of_planes
-            .into_iter()
-            .find_map(|(name, is_given)| is_given.then_some(name));
-        let of_camera = || self.camera.of_planes().or(self.annotations.in_space());
-        if let Some(option) = of_planes.or_else(of_camera) {
-            return fault(option, "a panorama");
-        }
-        if !self.projection.is_sky() {
-            return Ok(());
-        }
-        let sky = "an all-sky map, which is in the data's axes";
-        if let Some(option) = self.camera.of_direction() {
-            return fault(option, sky);
-        }
-        if self.size.is_some() {
-            return fault("--size", "a healpix map, whose size --nside says");
-        }
-        if self.sequence.is_asked_for() || self.legend.legend || !self.annotations.is_empty() {
-            return fault("a sequence, a legend or annotations", "an all-sky map");
-        }
-        check_sky_path(&self.out)
-    }
-}
-
-/// Refuses formats that hold no all-sky map.
-fn check_sky_path(path: &Path) -> Result<()> {
-    let is_npy = path
-        .extension()
-        .is_some_and(|e| e.eq_ignore_ascii_case("npy"));
-    if !is_npy && !is_fits(path) {
-        let found = path.display().to_string();
-        let expected = "fits or npy, for an all-sky map";
-        return Err(Error::invalid(
-            "--out",
-            "format",
-            expected,
-            found,
-            "name another",
-        ));
-    }
-    check_folder(path)
 }

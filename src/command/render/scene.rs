@@ -8,7 +8,7 @@ use crate::collective::{Alone, Collective};
 use crate::command::legend::bars;
 use crate::command::progress::{note, observer_of};
 use crate::command::truth::{ReferenceName, Truth};
-use crate::command::viewpoint::{Canvas, DEFAULT_LENS, DEFAULT_SIZE, Horizon};
+use crate::command::viewpoint::{Canvas, DEFAULT_LENS, DEFAULT_SIZE};
 use crate::data::smoothing::SphKernel;
 use crate::data::up::Up;
 use crate::io::write_bytes_atomically;
@@ -177,13 +177,7 @@ impl Arguments {
                 true => Lens::OrthoHeight(None),
                 false => DEFAULT_LENS,
             },
-            within: self
-                .projection
-                .is_panorama()
-                .then_some(match self.projection.is_level() {
-                    true => Horizon::Level,
-                    false => Horizon::Free,
-                }),
+            within: self.horizon(),
             ..Canvas::of(self.size)
         }
     }

@@ -7,11 +7,12 @@ use super::options::{
 use crate::command::animation;
 use crate::command::parse::Background;
 use crate::command::truth::ReferenceName;
+use crate::command::viewpoint::Horizon;
 use crate::image::DARK_GREY;
 use crate::render::{Advanced, Blend, Classification, Composite, Order};
 use crate::sample::{MeanPart, PeriodicBox, PurposeOptions, Refinement, SampleOptions};
 use crate::scene::{Lighting, ScaleName};
-use crate::view::{Along, Camera, ClipPlane};
+use crate::view::{Along, Camera, ClipPlane, Panorama};
 use crate::{Backend, ColumnSettings, Filter, Renderer, SceneOptions, Settings, Show, Task};
 
 impl From<BlendName> for Blend {
@@ -241,6 +242,20 @@ impl Arguments {
         self.out
             .extension()
             .is_some_and(|e| e.eq_ignore_ascii_case("png"))
+    }
+
+    /// Returns the panorama that is drawn from a camera, or `None` for a picture of the camera itself.
+    pub(super) fn panorama(&self, camera: &Camera) -> Option<Panorama> {
+        self.projection.panorama(camera, self.camera.named())
+    }
+
+    /// Returns the horizon of a panorama.
+    pub(super) fn horizon(&self) -> Option<Horizon> {
+        let is_panorama = self.projection.is_panorama(self.camera.named());
+        is_panorama.then_some(match self.projection.is_level() {
+            true => Horizon::Level,
+            false => Horizon::Free,
+        })
     }
 }
 

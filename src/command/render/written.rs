@@ -61,7 +61,7 @@ impl Arguments {
         camera: &Camera,
         settings: &Settings,
     ) -> Result<&'a Image> {
-        if let Some(panorama) = self.projection.panorama(camera) {
+        if let Some(panorama) = self.panorama(camera) {
             if let Some(comparison) = self.ending.comparison() {
                 comparison.check_size([panorama.width, panorama.height])?;
             }
@@ -87,7 +87,7 @@ impl Arguments {
         camera: &Camera,
         settings: &ColumnSettings,
     ) -> Result<()> {
-        match self.projection.panorama(camera) {
+        match self.panorama(camera) {
             Some(panorama) => renderer.column_panorama(&panorama, settings).map(|_| ()),
             None => renderer.column_density(camera, settings).map(|_| ()),
         }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 
-use super::{Optics, Stated, fault, size_of};
+use super::{Distortion, Optics, Stated, fault, size_of};
 use crate::error::{Error, Result};
 
 /// A model's two files that describe cameras.
@@ -41,23 +41,47 @@ pub(super) fn model_of(path: &Path) -> Option<Model> {
 }
 
 /// COLMAP's kinds of lenses, by their numbers: name, parameters, and how many of the first are focal lengths; 0 for lenses that
-/// are no pinhole's. The optical axis follows the focal lengths, distortion follows it.
+/// are refused. The optical axis follows the focal lengths, distortion follows it.
 const LENSES: [(&str, usize, usize); 11] = [
     ("SIMPLE_PINHOLE", 3, 1),
     ("PINHOLE", 4, 2),
     ("SIMPLE_RADIAL", 4, 1),
     ("RADIAL", 5, 1),
     ("OPENCV", 8, 2),
-    ("OPENCV_FISHEYE", 8, 0),
+    ("OPENCV_FISHEYE", 8, 2),
     ("FULL_OPENCV", 12, 2),
     ("FOV", 5, 0),
-    ("SIMPLE_RADIAL_FISHEYE", 4, 0),
-    ("RADIAL_FISHEYE", 5, 0),
+    ("SIMPLE_RADIAL_FISHEYE", 4, 1),
+    ("RADIAL_FISHEYE", 5, 1),
     ("THIN_PRISM_FISHEYE", 12, 0),
 ];
 
-/// A lens and whether it distorts.
-type Lens = (Optics, bool);
+/// A lens and its distortion.
+type Lens = (Optics, Option<Distortion>);
+
+/// Returns the distortion of a lens by its parameters behind the optical axis.
+fn distortion(model: &str, terms: &[f64]) -> Option<Distortion> {
+    let term = |i: usize| terms.get(i).copied().unwrap_or(0.0);
+    if model.ends_with("FISHEYE") {
+        return Some(Distortion::Fisheye([term(0), term(1), term(2), term(3)]));
+    }
+    let is_open_cv = model.ends_with("OPENCV");
+    // OpenCV's tangential terms stand between its second and its third radial one.
+    let radial = |i: usize| if is_open_cv { term(i + 2) } else { 0.0 };
+    let p = if is_open_cv {
+        [term(2), term(3)]
+    } else {
+        [0.0; 2]
+    };
+    terms
+        .iter()
+        .any(|term| *term != 0.0)
+        .then(|| Distortion::Radial {
+            above: [term(0), term(1), radial(2), 0.0],
+            below: [radial(3), radial(4), radial(5)],
+            p,
+        })
+}
 
 /// Pose of a picture in a file: quaternion (w, x, y, z) and translation of the map from world to camera, camera, name.
 struct Image {
@@ -76,9 +100,14 @@ fn lens(
 ) -> Result<Lens> {
     let place = || format!("camera {id}");
     let known = LENSES.iter().find(|(name, ..)| *name == model);
-    let &(_, count, focal) = known
-        .filter(|(.., focal)| *focal > 0)
-        .ok_or_else(|| fault(path, place(), "a pinhole camera, distorted or not", model))?;
+    let &(_, count, focal) = known.filter(|(.., focal)| *focal > 0).ok_or_else(|| {
+        fault(
+            path,
+            place(),
+            "a pinhole camera, distorted or not, or a fisheye without a prism",
+            model,
+        )
+    })?;
     if numbers.len() != count {
         return Err(fault(
             path,
@@ -100,7 +129,7 @@ fn lens(
         centre_px: DVec2::new(numbers[focal], numbers[focal + 1]),
         size,
     };
-    Ok((optics, numbers[focal + 2..].iter().any(|term| *term != 0.0)))
+    Ok((optics, distortion(model, &numbers[focal + 2..])))
 }
 
 impl Model {
@@ -118,7 +147,7 @@ impl Model {
         };
         let mut cameras: Vec<Stated> = Vec::new();
         for image in images {
-            let (optics, is_distorted) = *lenses.get(&image.camera).ok_or_else(|| {
+            let (optics, distortion) = *lenses.get(&image.camera).ok_or_else(|| {
                 let expected = format!("a camera of {}", self.cameras.display());
                 fault(
                     &self.images,
@@ -145,7 +174,7 @@ impl Model {
                 eye: -(camera_from_world.transpose() * DVec3::from(image.translation)),
                 camera_from_world,
                 optics,
-                is_distorted,
+                distortion,
             });
         }
         cameras.sort_by(|a, b| a.name.cmp(&b.name));

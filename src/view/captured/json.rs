@@ -6,7 +6,7 @@ use glam::{DMat3, DVec2, DVec3};
 use serde::Deserialize;
 use serde_json::Value;
 
-use super::{Optics, Stated, fault, rotation, size_of};
+use super::{Distortion, Optics, Stated, fault, rotation, size_of};
 use crate::error::{Error, Result};
 
 /// Lens of a capture, which its frames may state anew.
@@ -27,6 +27,8 @@ struct Lens {
     k2: Option<f64>,
     k3: Option<f64>,
     k4: Option<f64>,
+    k5: Option<f64>,
+    k6: Option<f64>,
     p1: Option<f64>,
     p2: Option<f64>,
 }
@@ -209,38 +211,60 @@ impl Lens {
             k2: self.k2.or(whole.k2),
             k3: self.k3.or(whole.k3),
             k4: self.k4.or(whole.k4),
+            k5: self.k5.or(whole.k5),
+            k6: self.k6.or(whole.k6),
             p1: self.p1.or(whole.p1),
             p2: self.p2.or(whole.p2),
         }
     }
 
-    fn is_distorted(&self) -> bool {
-        let terms = [self.k1, self.k2, self.k3, self.k4, self.p1, self.p2];
-        terms.into_iter().flatten().any(|term| term != 0.0)
+    fn is_fisheye(&self) -> bool {
+        match &self.camera_model {
+            Some(model) => model.ends_with("FISHEYE"),
+            None => self.is_fisheye == Some(true),
+        }
+    }
+
+    /// Returns the distortion. The terms k4 to k6 of FULL_OPENCV are divisors; k4 of nerfstudio is not.
+    fn distortion(&self) -> Option<Distortion> {
+        let k =
+            [self.k1, self.k2, self.k3, self.k4, self.k5, self.k6].map(Option::unwrap_or_default);
+        let p = [self.p1, self.p2].map(Option::unwrap_or_default);
+        let [k1, k2, k3, k4, k5, k6] = k;
+        if self.is_fisheye() {
+            return Some(Distortion::Fisheye([k1, k2, k3, k4]));
+        }
+        let is_divided = self.camera_model.as_deref() == Some("FULL_OPENCV");
+        let (above, below) = match is_divided {
+            true => ([k1, k2, k3, 0.0], [k4, k5, k6]),
+            false => ([k1, k2, k3, k4], [0.0; 3]),
+        };
+        let is_bent = above
+            .iter()
+            .chain(&below)
+            .chain(&p)
+            .any(|term| *term != 0.0);
+        is_bent.then_some(Distortion::Radial { above, below, p })
     }
 
     fn optics(&self, path: &Path, name: &str) -> Result<Optics> {
         let place = || format!("camera {name}");
-        let pinholes = [
+        let known = [
             "PINHOLE",
             "SIMPLE_PINHOLE",
             "OPENCV",
             "SIMPLE_RADIAL",
             "RADIAL",
             "FULL_OPENCV",
+            "OPENCV_FISHEYE",
+            "SIMPLE_RADIAL_FISHEYE",
+            "RADIAL_FISHEYE",
+            "EQUIRECTANGULAR",
         ];
-        let model = self
-            .camera_model
-            .as_deref()
-            .filter(|model| !pinholes.contains(model));
-        let model = model.or(self.is_fisheye.filter(|is| *is).map(|_| "is_fisheye"));
-        if let Some(model) = model {
-            return Err(fault(
-                path,
-                place(),
-                "a pinhole camera, distorted or not",
-                model,
-            ));
+        let model = self.camera_model.as_deref();
+        if let Some(other) = model.filter(|model| !known.contains(model)) {
+            let expected = "a pinhole camera, distorted or not, a fisheye or EQUIRECTANGULAR";
+            return Err(fault(path, place(), expected, other));
         }
         let size = match (self.w, self.h) {
             (Some(w), Some(h)) => {
@@ -256,6 +280,9 @@ impl Lens {
             }
             _ => None,
         };
+        if model == Some("EQUIRECTANGULAR") {
+            return Ok(Optics::Sphere(size));
+        }
         let of_angle = |radians: f64, side: usize| {
             angle(path, name, radians).map(|radians| side as f64 / 2.0 / (radians / 2.0).tan())
         };
@@ -302,7 +329,7 @@ fn of_capture(path: &Path, capture: Capture) -> Result<Vec<Stated>> {
         let (eye, camera_from_world) = pose(path, &name, rows)?;
         Ok(Stated {
             optics: lens.optics(path, &name)?,
-            is_distorted: lens.is_distorted(),
+            distortion: lens.distortion(),
             name,
             eye,
             camera_from_world,
@@ -336,7 +363,7 @@ fn of_trained(path: &Path, trained: Vec<Trained>) -> Result<Vec<Stated>> {
                 centre_px: DVec2::from(size.map(|n| n as f64)) / 2.0,
                 size,
             },
-            is_distorted: false,
+            distortion: None,
         })
     });
     let mut cameras: Vec<Stated> = cameras.collect::<Result<_>>()?;
@@ -366,7 +393,7 @@ fn of_path(path: &Path, frames: FramesOfPath) -> Result<Vec<Stated>> {
             name,
             eye,
             camera_from_world,
-            is_distorted: false,
+            distortion: None,
         })
     });
     cameras.collect()
@@ -415,6 +442,6 @@ fn of_three(path: &Path, three: &Three) -> Result<Vec<Stated>> {
         eye,
         camera_from_world,
         optics,
-        is_distorted: false,
+        distortion: None,
     }])
 }

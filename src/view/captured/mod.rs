@@ -9,7 +9,7 @@
 //! | a camera (`object` with `matrix`) | three.js, `toJSON` | one | right, up, backward |
 //! | a camera (`eye`) | this library: [`read_camera`] | one | |
 //!
-//! Pictures are those of pinhole cameras. Distortion is left out, and said; fisheye and spherical cameras are refused.
+//! Each camera is a pinhole's, and the mapping of its lens stands beside it if that bends the picture.
 
 mod colmap;
 mod json;
@@ -22,6 +22,8 @@ use glam::{DMat3, DQuat, DVec2, DVec3};
 use super::camera::{Camera, Projection};
 use super::camera_file::camera_of;
 use super::camera_path::CameraPath;
+use super::distortion::Distortion;
+use super::panorama::Mapping;
 use crate::error::{Error, Place, Result};
 
 /// A camera with its name in the file.
@@ -29,10 +31,23 @@ use crate::error::{Error, Place, Result};
 pub struct NamedCamera {
     /// Name of the picture that it took, or a number.
     pub name: String,
-    /// The camera.
+    /// The camera, as a pinhole.
     pub camera: Camera,
-    /// True if the lens distorts its pictures, which the camera does not.
-    pub is_distorted: bool,
+    /// Directions of the pixels, if they are not the pinhole's.
+    pub mapping: Option<Mapping>,
+}
+
+impl NamedCamera {
+    /// Returns true if no pinhole sees what the camera sees: a fisheye or a picture of all directions.
+    pub fn is_wide(&self) -> bool {
+        !matches!(
+            self.mapping,
+            None | Some(Mapping::Lens {
+                distortion: Distortion::Radial { .. },
+                ..
+            })
+        )
+    }
 }
 
 /// The lens of a camera.
@@ -50,6 +65,8 @@ enum Optics {
     Vertical(f64, Option<[usize; 2]>),
     /// Height of the picture, world units, of an orthographic camera.
     Orthographic(f64),
+    /// All directions, in pictures of this width and height.
+    Sphere(Option<[usize; 2]>),
 }
 
 /// A camera as its file states it.
@@ -60,7 +77,7 @@ struct Stated {
     /// Rows: right, down and forward in the world.
     camera_from_world: DMat3,
     optics: Optics,
-    is_distorted: bool,
+    distortion: Option<Distortion>,
 }
 
 /// Size of pictures that neither the file nor the caller states.
@@ -79,7 +96,7 @@ pub fn read_cameras(path: &Path, size: Option<[usize; 2]>) -> Result<Vec<NamedCa
         Contents::Other(text) => Ok(vec![NamedCamera {
             name: "0".into(),
             camera: camera_of(path, &text, size)?,
-            is_distorted: false,
+            mapping: None,
         }]),
     }
 }
@@ -110,7 +127,15 @@ pub fn read_sequence(
     match contents(path, "opening the camera path")? {
         Contents::Stated(stated) => {
             let first = stated.first().and_then(|first| first.optics.size());
-            at_size(path, stated, Some(size.or(first).unwrap_or(default)))
+            let cameras = at_size(path, stated, Some(size.or(first).unwrap_or(default)))?;
+            match cameras.iter().find(|camera| camera.is_wide()) {
+                None => Ok(cameras),
+                Some(wide) => {
+                    let place = format!("camera {}", wide.name);
+                    let expected = "pinhole cameras, distorted or not, for a sequence";
+                    Err(fault(path, place, expected, "a fisheye or a sphere"))
+                }
+            }
         }
         Contents::Other(text) => {
             let cameras = CameraPath::parse(path, &text)?.cameras(size.unwrap_or(default));
@@ -118,7 +143,7 @@ pub fn read_sequence(
             let named = numbered.map(|(i, camera)| NamedCamera {
                 name: i.to_string(),
                 camera,
-                is_distorted: false,
+                mapping: None,
             });
             Ok(named.collect())
         }
@@ -166,7 +191,7 @@ impl Optics {
     fn size(&self) -> Option<[usize; 2]> {
         match *self {
             Self::Calibrated { size, .. } => Some(size),
-            Self::Vertical(_, size) => size,
+            Self::Vertical(_, size) | Self::Sphere(size) => size,
             Self::Horizontal(_) | Self::Orthographic(_) => None,
         }
     }
@@ -191,6 +216,7 @@ impl Stated {
             Optics::Horizontal(angle) => (DVec2::splat(half.x / (angle / 2.0).tan()), half),
             Optics::Vertical(angle, _) => (DVec2::splat(half.y / (angle / 2.0).tan()), half),
             Optics::Orthographic(world) => (DVec2::splat(height / world), half),
+            Optics::Sphere(_) => (DVec2::splat(height / std::f64::consts::PI), half),
         };
         let camera = Camera {
             projection: match self.optics {
@@ -213,10 +239,19 @@ impl Stated {
                 error.to_string(),
             )
         })?;
+        let of_lens = |distortion| Mapping::Lens {
+            distortion,
+            focal_px,
+            centre_px,
+        };
+        let mapping = match self.optics {
+            Optics::Sphere(_) => Some(Mapping::Equirectangular),
+            _ => self.distortion.map(of_lens),
+        };
         Ok(NamedCamera {
             name: self.name,
             camera,
-            is_distorted: self.is_distorted,
+            mapping,
         })
     }
 }
@@ -261,6 +296,7 @@ fn size_of(width: f64, height: f64) -> Option<[usize; 2]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::view::panorama::Panorama;
 
     /// The point that pycolmap 4.2 and numpy project to the pixels below, without distortion, in pictures of each camera's
     /// size.
@@ -281,7 +317,7 @@ mod tests {
         assert_eq!(cameras.len(), expected.len(), "{name}");
         for (own, (camera, size, pixel, is_distorted)) in cameras.iter().zip(expected) {
             assert_eq!(
-                (own.name.as_str(), own.is_distorted),
+                (own.name.as_str(), own.mapping.is_some()),
                 (*camera, *is_distorted),
                 "{name}"
             );
@@ -351,6 +387,99 @@ mod tests {
     }
 
     #[test]
+    fn lenses_bend_as_their_programs_do() {
+        // Parameters, and the pixel at which pycolmap 4.2 sees the direction (.5, -.4, 1).
+        let lenses = [
+            (
+                "OPENCV",
+                "500 510 320 240 -.28 .09 .001 -.002",
+                [543.972_25, 57.113_184],
+            ),
+            (
+                "FULL_OPENCV",
+                "500 510 320 240 .1 .05 .001 -.002 .01 .08 .02 .003",
+                [572.200_946_713_665_1, 34.078_567_481_649_316],
+            ),
+            ("SIMPLE_RADIAL", "500 320 240 -.1", [559.75, 48.2]),
+            ("RADIAL", "500 320 240 -.1 .03", [561.010_75, 47.191_4]),
+            (
+                "OPENCV_FISHEYE",
+                "300 310 320 240 .05 -.01 .002 -.0001",
+                [455.452_033_822_993, 128.026_318_706_325_7],
+            ),
+            (
+                "SIMPLE_RADIAL_FISHEYE",
+                "300 320 240 .05",
+                [455.583_453_130_011_5, 131.533_237_495_990_8],
+            ),
+            (
+                "RADIAL_FISHEYE",
+                "300 320 240 .05 -.01",
+                [455.443_074_610_477, 131.645_540_311_618_4],
+            ),
+        ];
+        let direction = DVec3::new(0.5, -0.4, 1.0).normalize();
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        std::fs::write(path("images.txt"), "1 1 0 0 0 0 0 0 1 a.png\n\n").unwrap();
+        let check = |path: &Path, model: &str, pixel: [f64; 2]| {
+            let named = read_cameras(path, None).unwrap().remove(0);
+            let mapping = named.mapping.unwrap();
+            let panorama = Panorama::of_camera(&named.camera, mapping);
+            let [x, y] = pixel.map(f64::trunc);
+            let within = DVec2::from(pixel) - DVec2::new(x, y);
+            let found = panorama
+                .direction([x as usize, y as usize], within)
+                .unwrap();
+            assert!(found.abs_diff_eq(direction, 1e-8), "{model}: {found}");
+            assert_eq!(named.is_wide(), model.ends_with("FISHEYE"), "{model}");
+        };
+        for (model, numbers, pixel) in lenses {
+            let line = format!("1 {model} 640 480 {numbers}\n");
+            std::fs::write(path("cameras.txt"), line).unwrap();
+            check(folder.path(), model, pixel);
+        }
+        let matrix = "[[1,0,0,0],[0,-1,0,0],[0,0,-1,0],[0,0,0,1]]";
+        for (model, terms, pixel) in [
+            (
+                "OPENCV",
+                r#""k1": -0.28, "k2": 0.09, "p1": 0.001, "p2": -0.002"#,
+                lenses[0].2,
+            ),
+            (
+                "FULL_OPENCV",
+                r#""k1": 0.1, "k2": 0.05, "p1": 0.001, "p2": -0.002, "k3": 0.01, "k4": 0.08, "k5": 0.02, "k6": 0.003"#,
+                lenses[1].2,
+            ),
+            (
+                "OPENCV_FISHEYE",
+                r#""k1": 0.05, "k2": -0.01, "k3": 0.002, "k4": -0.0001"#,
+                lenses[4].2,
+            ),
+        ] {
+            let focal = match model {
+                "OPENCV_FISHEYE" => [300, 310],
+                _ => [500, 510],
+            };
+            let json = format!(
+                r#"{{"camera_model": "{model}", "fl_x": {}, "fl_y": {}, "cx": 320, "cy": 240, "w": 640, "h": 480,
+                {terms}, "frames": [{{"transform_matrix": {matrix}}}]}}"#,
+                focal[0], focal[1]
+            );
+            std::fs::write(path("a.json"), json).unwrap();
+            check(&path("a.json"), model, pixel);
+        }
+        let sphere = format!(
+            r#"{{"camera_model": "EQUIRECTANGULAR", "w": 64, "h": 32, "frames": [{{"transform_matrix": {matrix}}}]}}"#
+        );
+        std::fs::write(path("a.json"), sphere).unwrap();
+        let named = read_cameras(&path("a.json"), None).unwrap().remove(0);
+        assert_eq!(named.mapping, Some(Mapping::Equirectangular));
+        assert_eq!([named.camera.width, named.camera.height], [64, 32]);
+        assert!(read_sequence(&path("a.json"), None, DEFAULT_SIZE).is_err());
+    }
+
+    #[test]
     fn a_sequence_has_pictures_of_one_size() {
         let cameras = read_sequence(&fixture("text"), None, DEFAULT_SIZE).unwrap();
         assert!(
@@ -404,12 +533,12 @@ mod tests {
         let json = folder.path().join("a.json");
         let good = std::fs::read_to_string(fixture("transforms.json")).unwrap();
         for (old, new) in [
-            ("OPENCV", "OPENCV_FISHEYE"),
+            ("OPENCV", "THIN_PRISM_FISHEYE"),
             ("\"fl_x\": 500.0", "\"fl_x\": -500.0"),
             ("\"w\": 640", "\"w\": 640.5"),
             ("\"w\": 640", "\"w\": 1e300"),
             ("transform_matrix", "matrix"),
-            ("frames", "is_fisheye\": true, \"frames"),
+            ("frames", "camera_model\": \"X\", \"frames"),
         ] {
             assert!(good.contains(old), "{old}");
             std::fs::write(&json, good.replace(old, new)).unwrap();
