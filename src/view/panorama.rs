@@ -329,7 +329,7 @@ fn place_in_base(n: usize, index: usize) -> (usize, [usize; 2]) {
     let (base, ring, length, number, shift);
     // Numbers along a ring start at 1.
     if index < cap {
-        ring = (1 + (1 + 2 * index).isqrt()) / 2;
+        ring = (1 + 2 * index).isqrt().div_ceil(2);
         number = index + 1 - 2 * ring * (ring - 1);
         (length, shift) = (ring, 0);
         base = (number - 1) / ring;
@@ -349,7 +349,7 @@ fn place_in_base(n: usize, index: usize) -> (usize, [usize; 2]) {
         };
     } else {
         let from_end = 12 * n * n - index;
-        let from_south = (1 + (2 * from_end - 1).isqrt()) / 2;
+        let from_south = (2 * from_end - 1).isqrt().div_ceil(2);
         number = 4 * from_south + 1 - (from_end - 2 * from_south * (from_south - 1));
         (length, shift) = (from_south, 0);
         ring = 4 * n - from_south;

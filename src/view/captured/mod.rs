@@ -315,10 +315,10 @@ mod tests {
     ) {
         let cameras = read_cameras(&fixture(name), size).unwrap();
         assert_eq!(cameras.len(), expected.len(), "{name}");
-        for (own, (camera, size, pixel, is_distorted)) in cameras.iter().zip(expected) {
+        for (own, (camera, size, pixel, is_bent)) in cameras.iter().zip(expected) {
             assert_eq!(
                 (own.name.as_str(), own.mapping.is_some()),
-                (*camera, *is_distorted),
+                (*camera, *is_bent),
                 "{name}"
             );
             assert_eq!([own.camera.width, own.camera.height], *size, "{name}");
@@ -426,11 +426,7 @@ mod tests {
             let named = read_cameras(path, None).unwrap().remove(0);
             let mapping = named.mapping.unwrap();
             let panorama = Panorama::of_camera(&named.camera, mapping);
-            let [x, y] = pixel.map(f64::trunc);
-            let within = DVec2::from(pixel) - DVec2::new(x, y);
-            let found = panorama
-                .direction([x as usize, y as usize], within)
-                .unwrap();
+            let found = panorama.direction([0, 0], DVec2::from(pixel)).unwrap();
             assert!(found.abs_diff_eq(direction, 1e-8), "{model}: {found}");
             assert_eq!(named.is_wide(), model.ends_with("FISHEYE"), "{model}");
         };
