@@ -193,7 +193,7 @@ fn depths_are_distances_and_lights_stay_with_the_camera() {
         .collect();
     let mut scene = volume(&particles);
     let tilted = DVec3::new(0.6, 0.0, -0.8);
-    scene.normals = Some(vec![normal_code(tilted); 900].into());
+    scene.normals = Some(vec![normal_code(tilted); 900]);
     let settings = Settings {
         depth: true,
         lighting: Some(Lighting::default()),
