@@ -14,6 +14,7 @@
 //! | `column.rs` | column densities |
 //! | `deep.rs` | deep images |
 //! | `panorama.rs` | panoramas: pictures of all directions around an eye |
+//! | `stereo.rs` | pictures for two eyes |
 //! | `device.rs` | the caller's devices and textures; frames without waiting |
 //! | `pick.rs` | the particles that a pixel shows |
 
@@ -28,6 +29,7 @@ mod options;
 mod panorama;
 mod pick;
 mod renderer;
+mod stereo;
 
 pub use crate::blocks::{LayerKind, Layers, SceneOptions};
 pub use crate::constants::{DEFAULT_LOW_PASS_VARIANCE_PX2, DEFAULT_TOLERANCE};

@@ -148,11 +148,17 @@ fn what_a_projection_does_not_do_is_refused() {
         ("--projection lens", "--camera"),
         ("--projection ortho --fov 40", "--fov"),
         ("--fisheye-fov 90", "--projection"),
+        ("--stereo 1 --projection cube", "--stereo"),
+        ("--stereo 1 --legend", "--stereo"),
     ] {
         let (is_done, said) = render(folder.path(), &format!("one.csv --out a.png {options}"));
         assert!(!is_done && said.contains(expected), "{options}: {said}");
         assert!(!folder.path().join("a.png").exists());
     }
+    let (is_done, said) = render(folder.path(), "one.csv --stereo .5 --size 40x30 --out b.npy");
+    assert!(is_done, "{said}");
+    let both = read_image(&folder.path().join("b.npy")).unwrap();
+    assert_eq!([both.width, both.height], [40, 60]);
     let (is_done, said) = render(
         folder.path(),
         "one.csv --projection ortho --size 40x40 --out a.png",

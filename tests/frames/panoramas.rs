@@ -280,6 +280,43 @@ fn backgrounds_lie_behind_all_pixels() {
     assert_eq!(clear.pixels[0], [0.0; 4]);
 }
 
+#[test]
+fn two_eyes_see_what_each_sees() {
+    let middle = camera(Projection::Perspective, [30.0; 2], [24, 20]);
+    let settings = Settings {
+        depth: true,
+        ..exact()
+    };
+    let mut renderer = Renderer::new(vec![around()]).unwrap();
+    let both = renderer
+        .render_stereo(&middle, &settings, 0.3)
+        .unwrap()
+        .clone();
+    let depths = renderer.depth().unwrap().clone();
+    assert_eq!([both.width, both.height], [24, 40]);
+    let footprints = renderer.counts().footprints;
+    let mut alone = 0;
+    for (eye, first) in [(-0.15, 0), (0.15, 24 * 20)] {
+        let own = Camera {
+            eye: DVec3::X * eye,
+            ..middle.clone()
+        };
+        let image = renderer.render(&own, &settings).unwrap().clone();
+        assert_eq!(image.pixels, both.pixels[first..][..24 * 20]);
+        assert_eq!(
+            renderer.depth().unwrap().depths,
+            depths.depths[first..][..24 * 20]
+        );
+        alone += renderer.counts().footprints;
+    }
+    assert_eq!(alone, footprints);
+    assert!(
+        renderer
+            .render_stereo(&middle, &settings, f64::NAN)
+            .is_err()
+    );
+}
+
 #[cfg(feature = "gpu")]
 #[test]
 fn both_back_ends_draw_the_same() {

@@ -157,6 +157,7 @@ impl Arguments {
             ("--show count", matches!(output.show, ShowName::Count)),
             ("--depth-in", !self.backdrop.is_empty()),
             ("--mpi", self.mpi),
+            ("--stereo", self.projection.stereo().is_some()),
         ];
         let of_planes = of_planes
             .into_iter()

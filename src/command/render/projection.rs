@@ -2,6 +2,7 @@
 
 use clap::{Args, ValueEnum};
 
+use crate::command::parse;
 use crate::view::{Camera, FisheyeRule, MOST_FISHEYE_DEG, Mapping, NamedCamera, Panorama};
 use crate::{Error, Result};
 
@@ -28,6 +29,11 @@ pub(in crate::command) struct ProjectionOptions {
     /// [default: 128]
     #[arg(long, value_name = "N", value_parser = nside, requires = "projection", conflicts_with = "size")]
     nside: Option<u32>,
+    /// Two pictures, the left eye's over the right eye's, from eyes this far apart in world units that look in one direction
+    #[arg(long, value_name = "D", value_parser = parse::positive, conflicts_with_all = ["reference", "measure_error", "calibrate",
+          "mpi", "column_density", "deep", "depth_of", "depth_in", "background_image", "legend", "axes", "outline", "scale_bar",
+          "title", "time_stamp"])]
+    stereo: Option<f64>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, ValueEnum)]
@@ -81,6 +87,17 @@ impl ProjectionOptions {
             Some(ProjectionName::Ortho),
         ];
         named.is_some_and(|named| self.is_lens_of(named)) || !plane.contains(&self.projection)
+    }
+
+    /// Returns the distance of two eyes, if there are two.
+    pub(super) fn stereo(&self) -> Option<f64> {
+        self.stereo
+    }
+
+    /// Returns the size of the whole picture that a camera takes.
+    pub(super) fn whole_size(&self, camera: &Camera) -> [usize; 2] {
+        let rows = if self.stereo.is_some() { 2 } else { 1 };
+        [camera.width, rows * camera.height]
     }
 
     /// Returns true if the picture is to be that of a file's lens.

@@ -67,10 +67,17 @@ impl Arguments {
             }
             return renderer.render_panorama(&panorama, settings);
         }
+        let stereo = self.projection.stereo();
         let Some(comparison) = self.ending.comparison() else {
-            return renderer.render(camera, settings);
+            return match stereo {
+                Some(distance) => renderer.render_stereo(camera, settings, distance),
+                None => renderer.render(camera, settings),
+            };
         };
-        comparison.check_size([camera.width, camera.height])?;
+        comparison.check_size(self.projection.whole_size(camera))?;
+        if let Some(distance) = stereo {
+            return renderer.render_stereo(camera, settings, distance);
+        }
         match comparison.tiles() {
             // Colours of counts follow from the greatest of the whole picture.
             Some(tiles) if settings.show != Show::Count => {

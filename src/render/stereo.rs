@@ -1,0 +1,95 @@
+//! Draws pictures for two eyes.
+
+use super::renderer::Renderer;
+use crate::error::{Error, Result};
+use crate::frame::settings::Settings;
+use crate::image::{DepthImage, Image, NormalImage};
+use crate::stats::Stopwatch;
+use crate::view::Camera;
+
+impl Renderer {
+    /// Draws two pictures, the left eye's over the right eye's: twice as high as the camera's. The eyes lie on either side of the
+    /// camera's and look in its direction. [`Renderer::image`] and the other getters return both; counts are sums.
+    ///
+    /// - `distance`: between the eyes, world units.
+    ///
+    /// # Errors
+    /// The errors of [`Renderer::render`]; a distance that is not finite; a backdrop; ranks.
+    pub fn render_stereo(
+        &mut self,
+        camera: &Camera,
+        settings: &Settings,
+        distance: f64,
+    ) -> Result<&Image> {
+        let mut whole = Stopwatch::start();
+        let refuse = |place: &str, expected: &str, found: String| {
+            Err(Error::invalid(
+                "stereo",
+                place,
+                expected,
+                found,
+                "change it",
+            ))
+        };
+        if !distance.is_finite() {
+            return refuse(
+                "distance of the eyes",
+                "a finite number",
+                distance.to_string(),
+            );
+        }
+        if settings.backdrop.is_some() {
+            return refuse(
+                "settings",
+                "nothing in the picture yet",
+                "a backdrop".into(),
+            );
+        }
+        if self.rank().is_some() {
+            return refuse("processes", "one", "several".into());
+        }
+        let right = camera.camera_from_world.row(0) * (distance / 2.0);
+        let [left, right] = [-right, right].map(|offset| Camera {
+            eye: camera.eye + offset,
+            ..camera.clone()
+        });
+        self.render(&left, settings)?;
+        let mut above = std::mem::take(&mut self.images);
+        let mut report = self.report;
+        self.render(&right, settings)?;
+        report.add_part(&self.report);
+        let below = &mut self.images;
+        let (width, height) = (camera.width, 2 * camera.height);
+        above.image.pixels.append(&mut below.image.pixels);
+        below.image = Image {
+            width,
+            height,
+            pixels: above.image.pixels,
+        };
+        below.depth = above
+            .depth
+            .zip(below.depth.take())
+            .map(|(mut above, below)| {
+                above.depths.extend(below.depths);
+                DepthImage {
+                    width,
+                    height,
+                    depths: above.depths,
+                }
+            });
+        below.normals = above
+            .normals
+            .zip(below.normals.take())
+            .map(|(mut above, below)| {
+                above.normals.extend(below.normals);
+                NormalImage {
+                    width,
+                    height,
+                    normals: above.normals,
+                }
+            });
+        report.times.frame = whole.lap();
+        self.report = report;
+        Ok(&self.images.image)
+    }
+}
