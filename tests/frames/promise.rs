@@ -295,7 +295,7 @@ fn hold_files(files: &[File]) {
         } else {
             some(TOLERANCES, 0, 2)
         };
-        let views = some(views(camera, middle), file.name().len(), 2);
+        let views = some(views(camera, middle), file.name().len(), 3);
         hold(&mut table, &file.name(), &mut renderer, &views, &tolerances);
     }
     table.finish();
