@@ -26,6 +26,7 @@ mod levels;
 mod options;
 mod pick;
 mod renderer;
+mod shadows;
 
 pub use crate::blocks::{LayerKind, Layers, SceneOptions};
 pub use crate::constants::{DEFAULT_LOW_PASS_VARIANCE_PX2, DEFAULT_TOLERANCE};
