@@ -225,15 +225,16 @@ fn passed_texels(
     let corner = Vec2::from(shadow.map_corner);
     let per_texel = 1.0 / shadow.map_scale;
     let at = (place.truncate() + shift - corner) * shadow.map_scale - 0.5;
-    let first = at.floor();
-    let f = at - first;
+    let f = at - at.floor();
+    let first = shift - f * per_texel;
     let passes = |i: f32, j: f32| {
-        let step = (Vec2::new(i, j) - f) * per_texel + shift;
+        let step = first + Vec2::new(i, j) * per_texel;
         let surface = nearest_surface(shadow, words, place, step);
-        let is_lit = !(place.z + slope.dot(step) > surface);
-        f32::from(u8::from(is_lit))
+        let is_hidden = place.z + slope.dot(step) > surface;
+        if is_hidden { 0.0 } else { 1.0 }
     };
-    let near = passes(0.0, 0.0) + (passes(1.0, 0.0) - passes(0.0, 0.0)) * f.x;
-    let far = passes(0.0, 1.0) + (passes(1.0, 1.0) - passes(0.0, 1.0)) * f.x;
+    let (a, b) = (passes(0.0, 0.0), passes(1.0, 0.0));
+    let (c, d) = (passes(0.0, 1.0), passes(1.0, 1.0));
+    let (near, far) = (a + (b - a) * f.x, c + (d - c) * f.x);
     near + (far - near) * f.y
 }

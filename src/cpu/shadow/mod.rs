@@ -37,7 +37,7 @@ use occluder::{Axes, Run, runs};
 const MOST_WORDS: f64 = (1 << 24) as f64;
 /// The same for lights with a size, whose grids are sheared once for each direction.
 const MOST_SOFT_WORDS: f64 = (1 << 22) as f64;
-/// Greatest number of texels of a map along a side.
+/// Greatest number of texels of a map along a side, for one light; maps of several lights have as many in all: 16 MiB.
 const MOST_TEXELS: f64 = 2048.0;
 /// Greatest number of cells along a side.
 const MOST_CELLS: f64 = 1024.0;
@@ -127,12 +127,14 @@ fn light_grid(
         cell: 1.0,
         shadow: LightShadow::default(),
     };
+    let lights = request.directions.len().max(1) as f64;
+    let most_texels = (MOST_TEXELS / lights.sqrt()).floor();
     let softness = request.shadows.softness_deg.to_radians().tan();
     light.shadow.softness = softness as f32;
     let mut corner = Vec3::ZERO;
     if let Some(extent) = &of_volumes {
         let most = if softness > 0.0 { MOST_SOFT_WORDS } else { MOST_WORDS };
-        let cells = Cells::new(extent, most / request.directions.len().max(1) as f64);
+        let cells = Cells::new(extent, most / lights);
         light.cell = cells.side;
         light.corner = camera.eye + axes.transpose() * cells.corner.as_dvec3();
         corner = cells.corner;
@@ -155,15 +157,15 @@ fn light_grid(
     }
     if let Some(extent) = &of_surfaces {
         if of_volumes.is_none() {
-            light.cell = extent.texel();
+            light.cell = extent.texel(most_texels);
         }
         let per_unit = 1.0 / light.cell;
-        let texel = extent.texel();
+        let texel = extent.texel(most_texels);
         let scale = light.cell / texel;
         light.shadow.map_scale = scale as f32;
         let lower = (extent.lower.truncate() - corner.truncate()) * per_unit as f32;
         let size = (extent.upper - extent.lower).truncate().as_dvec2() / texel;
-        light.shadow.map_size = [size.x, size.y].map(|n| n.ceil().clamp(1.0, MOST_TEXELS) as u32);
+        light.shadow.map_size = [size.x, size.y].map(|n| n.ceil().clamp(1.0, most_texels) as u32);
         light.shadow.map_corner = lower.into();
         light.shadow.map_first = words.len() as u32;
         light.shadow.bias = (texel * per_unit) as f32;
@@ -253,10 +255,10 @@ impl Extent {
     }
 
     /// Returns the side of a texel of a map, world units.
-    fn texel(&self) -> f64 {
+    fn texel(&self, most: f64) -> f64 {
         let size = f64::from((self.upper - self.lower).truncate().max_element());
         (TEXEL_SIGMAS * self.median)
-            .max(size / MOST_TEXELS)
+            .max(size / most)
             .max(f64::MIN_POSITIVE)
     }
 }
