@@ -15,6 +15,8 @@
 
 // True if lights have shadows.
 override HAS_SHADOWS: bool = false;
+// True if surfels are of a translucent surface.
+override IS_SHEET: bool = false;
 // True if particles are pieces of kernels, whose terms follow after all particles.
 override HAS_PIECES: bool = false;
 
@@ -104,7 +106,7 @@ fn light(
             + times(rotation, world_offset(block, particle.local));
         if IS_SURFEL {
             for (var i = 0u; i < lighting.count; i = i + 1u) {
-                passed[i] = surfel_transmittance(i, at, plane);
+                passed[i] = surfel_transmittance(i, at, plane, IS_SHEET);
             }
         } else {
             var factor = camera_factor(rotation, block, particle.local);

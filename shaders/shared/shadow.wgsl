@@ -1,7 +1,7 @@
 // The transmittance from a light to a particle; the including file declares `shadows` and `shadow_words`.
 // Twin: src/cpu/shadow/lookup.rs.
 
-// Nodes of the Gauss-Hermite rule of three points, standard deviations.
+// Distance of the places at which a kernel is lit from the middle of its visible part, standard deviations.
 const SQRT_3: f32 = 1.7320508;
 
 // Returns F^T n for a kernel's factor F.
@@ -145,9 +145,8 @@ fn passed_surfaces(light: u32, place: vec3<f32>, slope: vec2<f32>) -> f32 {
 // Returns the share of a light's colour that reaches a kernel: the mean over the kernel's visible part.
 fn kernel_transmittance(light: u32, at: vec3<f32>, factor: Factor, to_eye: vec3<f32>) -> f32 {
     let place = cells(light, at);
-    let surfaces = passed_surfaces(light, place, vec2<f32>(0.0));
-    if shadows.lights[light].size.z == 0u || surfaces == 0.0 {
-        return surfaces;
+    if shadows.lights[light].size.z == 0u {
+        return passed_surfaces(light, place, vec2<f32>(0.0));
     }
     let away = shadows.lights[light].to_cells[2].xyz;
     let reach = SQRT_3 * length(along(factor, away));
@@ -161,24 +160,31 @@ fn kernel_transmittance(light: u32, at: vec3<f32>, factor: Factor, to_eye: vec3<
     let per_cell = change / (2.0 * max(reach, 0.5));
     let lean = min(per_cell * length(away) * sigma, GREATEST_LEAN);
     let seen = place + turned(light, toward) * lean;
-    let sum = exp(-optical_depth(light, seen - step))
-        + 4.0 * exp(-optical_depth(light, seen))
-        + exp(-optical_depth(light, seen + step));
-    return surfaces * (sum * (1.0 / 6.0));
+    var sum = 0.0;
+    var axes = columns(factor);
+    for (var i = 0u; i < 3u; i = i + 1u) {
+        let axis = turned(light, axes[i]) * SQRT_3;
+        sum = sum
+            + (exp(-optical_depth(light, seen - axis)) + exp(-optical_depth(light, seen + axis)));
+    }
+    return passed_surfaces(light, seen, vec2<f32>(0.0)) * (sum * (1.0 / 6.0));
 }
 
 // Returns the share of a light's colour that reaches a surfel.
 //
 // - `plane`: unit normal of its plane, camera space, on either side; zero for none.
-fn surfel_transmittance(light: u32, at: vec3<f32>, plane: vec3<f32>) -> f32 {
+// - `is_sheet`: whether surfels absorb, so that the grid has their own depth.
+fn surfel_transmittance(light: u32, at: vec3<f32>, plane: vec3<f32>, is_sheet: bool) -> f32 {
     var place = cells(light, at);
-    let volumes = exp(-optical_depth(light, place));
     // Directions do not depend on the scale.
     var normal = turned(light, plane);
     normal = normal / max(length(normal), SMALLEST);
     if normal.z > 0.0 {
         normal = -normal;
     }
+    let ahead = normal - vec3<f32>(0.0, 0.0, 1.0);
+    let before = select(vec3<f32>(0.0), ahead, is_sheet);
+    let volumes = exp(-optical_depth(light, place + before));
     let bias = shadows.lights[light].bias;
     place = place + normal * bias;
     place.z = place.z - bias;

@@ -8,6 +8,7 @@ use super::shadow::{kernel_transmittance, surfel_transmittance};
 use crate::blocks::{BlockedParticles, BlockedVolume};
 use crate::constants::MAX_LIGHTS;
 use crate::math::normal_of_code;
+use crate::scene::StrengthIn;
 use crate::record::{
     BlockView, Carried, ClassifiedParticle, LightingUniform, PieceTerms, ShadowUniform,
 };
@@ -44,6 +45,7 @@ pub fn light(
         return;
     }
     let shapes = Shapes::new(volume, rotation);
+    let is_sheet = matches!(volume.strength, StrengthIn::Translucent(_));
     let light_one = |(n, particle): (usize, &mut ClassifiedParticle)| {
         let view = &views[particle.view as usize];
         let (i, offset) = volume.place(view.block, particle.local);
@@ -77,7 +79,7 @@ pub fn light(
             let lights = lights.take(lighting.count as usize);
             if sides == Sides::Facing {
                 for (shadow, passed) in lights {
-                    *passed = surfel_transmittance(shadow, words, from_eye, facing);
+                    *passed = surfel_transmittance(shadow, words, from_eye, facing, is_sheet);
                 }
             } else {
                 let of_block = shapes.of_block(view.block);

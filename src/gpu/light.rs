@@ -12,7 +12,7 @@ use super::packed::rotation_uniform;
 use super::scene::{FrameBuffers, Part, PartBuffers};
 use super::shade::recolour;
 use super::shader::{LIT, NORMAL, SHADOW, Shader, TANGENTS, shaders_of_particles};
-use crate::blocks::BlockedVolume;
+use crate::blocks::{BlockedVolume, Rule};
 use crate::error::Result;
 use crate::record::{BlockView, ClassifiedBy, ClassifiedParticle, LightingUniform};
 
@@ -60,6 +60,7 @@ pub(super) fn bind_light(
         ],
         &[
             ("IS_SURFEL", flag(kind == ParticleKind::Surfels)),
+            ("IS_SHEET", flag(matches!(part.kinds.rule, Rule::Translucent { .. }))),
             ("HAS_SHADOWS", flag(has_shadows)),
             ("HAS_PIECES", flag(part.has_pieces(by))),
             ("HAS_NORMALS", flag(part.kinds.has_normals)),

@@ -15,7 +15,6 @@ use super::sight::{Sight, between};
 use super::surface::{Fragment, surfaces};
 use super::traversal::Traversal;
 use crate::error::Result;
-use crate::image::Image;
 use crate::math::normal_density_and_cdf;
 use crate::scene::{LightFrame, Lighting};
 use crate::view::{Camera, ClipPlane, Projection};
@@ -57,29 +56,26 @@ struct View<'a> {
 }
 
 impl Integrator {
-    /// Renders the reference image under lights, with their shadows if `lighting` has any: one ray through
-    /// the centre of each pixel, and the low-pass filter on kernels ([`PixelFilter::Kernels`]).
+    /// Integrates pixels under lights, with their shadows if `lighting` has any: one ray through the centre of
+    /// each, and the low-pass filter on kernels ([`PixelFilter::Kernels`]). Returns premultiplied linear colours and
+    /// opacities.
+    ///
+    /// - `pixels`: columns and rows.
     ///
     /// # Errors
     /// Lights out of range; a camera without finite numbers.
-    pub fn render_lit(
+    pub fn lit_pixels(
         &self,
         camera: &Camera,
         lighting: &Lighting,
         low_pass_variance_px2: f64,
-    ) -> Result<Image> {
+        pixels: &[[usize; 2]],
+    ) -> Result<Vec<[f64; 4]>> {
         lighting.validate()?;
         camera.validate()?;
         let view = View::new(self, camera, lighting, low_pass_variance_px2);
-        let mut image = Image::new(camera.width, camera.height);
-        let rows = image.pixels.par_chunks_mut(camera.width.max(1));
-        rows.enumerate().for_each(|(y, row)| {
-            for (x, pixel) in row.iter_mut().enumerate() {
-                let place = DVec2::new(x as f64, y as f64) + 0.5;
-                *pixel = view.ray(place).map(|c| c as f32);
-            }
-        });
-        Ok(image)
+        let place = |[x, y]: &[usize; 2]| DVec2::new(*x as f64, *y as f64) + 0.5;
+        Ok(pixels.par_iter().map(|pixel| view.ray(place(pixel))).collect())
     }
 }
 

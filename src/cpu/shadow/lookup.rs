@@ -35,15 +35,17 @@ pub(crate) const STEEPEST_SHADOW: f32 = 4.0;
 /// Greatest number of standard deviations by which a kernel's visible part lies before its centre.
 pub(crate) const GREATEST_LEAN: f32 = 1.0;
 
-/// Nodes of the Gauss-Hermite rule of three points, standard deviations.
+/// Distance of the places at which a kernel is lit from the middle of its visible part, standard deviations: the
+/// six places on the axes of a Gaussian in space, of equal weight, give the mean of any cubic polynomial.
 const SQRT_3: f32 = 1.732_050_8;
 
 /// Returns the share of a light's colour that reaches a kernel: the mean over the kernel's visible part.
 ///
-/// The grid's optical depth includes the kernel's own. Its mean transmittance is taken over the kernel's
-/// extent along the light, at the three places of a Gauss-Hermite rule. An opaque kernel shows its side
-/// toward the eye: where the optical depth grows by k per standard deviation, the visible part of a Gaussian
-/// is centred k deviations before the centre, at most [`GREATEST_LEAN`].
+/// The grid's optical depth includes the kernel's own. The mean transmittance is taken over the kernel's
+/// extent, at six places. An opaque kernel shows its side toward the eye: where the optical depth grows by k
+/// per standard deviation, the visible part of a Gaussian is centred k deviations before the centre, at most
+/// [`GREATEST_LEAN`]. In a cloud of 300 kernels with optical depths up to 1, the transmittance at the centre errs by
+/// .20 (root mean square of what is visible), the mean over the kernel by .13, and this by .06.
 ///
 /// - `at`: its centre, camera space.
 /// - `to_eye`: unit vector.
@@ -56,14 +58,13 @@ pub(crate) fn kernel_transmittance(
     to_eye: Vec3,
 ) -> f32 {
     let place = cells(shadow, at);
-    let surfaces = passed_surfaces(shadow, words, place, Vec2::ZERO);
-    if shadow.size[2] == 0 || surfaces == 0.0 {
-        return surfaces;
+    if shadow.size[2] == 0 {
+        return passed_surfaces(shadow, words, place, Vec2::ZERO);
     }
     let away = Vec4::from(shadow.to_cells[2]).truncate();
     let reach = SQRT_3 * along(factor, away).length();
-    let up_to = |p: Vec3, step: f32| optical_depth(shadow, words, p + Vec3::Z * step);
-    let change = up_to(place, reach) - up_to(place, -reach);
+    let up_to = |place: Vec3| optical_depth(shadow, words, place);
+    let change = up_to(place + Vec3::Z * reach) - up_to(place - Vec3::Z * reach);
     let of_eye = along(factor, to_eye);
     let sigma = of_eye.length().max(f32::MIN_POSITIVE);
     // V v / sqrt(v V v): one standard deviation toward the eye.
@@ -76,25 +77,28 @@ pub(crate) fn kernel_transmittance(
     let scale = away.length();
     let lean = (per_cell * scale * sigma).min(GREATEST_LEAN);
     let seen = place + turned(shadow, toward) * lean;
-    let sum = (-up_to(seen, -reach)).exp()
-        + 4.0 * (-up_to(seen, 0.0)).exp()
-        + (-up_to(seen, reach)).exp();
-    surfaces * (sum * (1.0 / 6.0))
+    let mut sum = 0.0;
+    for column in factor.columns() {
+        let step = turned(shadow, column) * SQRT_3;
+        sum += (-up_to(seen - step)).exp() + (-up_to(seen + step)).exp();
+    }
+    passed_surfaces(shadow, words, seen, Vec2::ZERO) * (sum * (1.0 / 6.0))
 }
 
 /// Returns the share of a light's colour that reaches a surfel.
 ///
 /// - `at`: its centre, camera space.
 /// - `plane`: unit normal of its plane, camera space, on either side; zero for none.
+/// - `is_sheet`: whether surfels absorb, so that the grid has their own depth: it is looked up a cell before them.
 #[inline]
 pub(crate) fn surfel_transmittance(
     shadow: &LightShadow,
     words: &[f32],
     at: Vec3,
     plane: Vec3,
+    is_sheet: bool,
 ) -> f32 {
     let mut place = cells(shadow, at);
-    let volumes = (-optical_depth(shadow, words, place)).exp();
     // Directions do not depend on the scale.
     let mut normal = turned(shadow, plane);
     let length = normal.length().max(f32::MIN_POSITIVE);
@@ -102,6 +106,8 @@ pub(crate) fn surfel_transmittance(
     if normal.z > 0.0 {
         normal = -normal;
     }
+    let before = if is_sheet { normal - Vec3::Z } else { Vec3::ZERO };
+    let volumes = (-optical_depth(shadow, words, place + before)).exp();
     place += normal * shadow.bias;
     place.z -= shadow.bias;
     let steepness = 1.0 / (-normal.z).max(1.0 / STEEPEST_SHADOW);

@@ -18,7 +18,7 @@ mod occluder;
 
 use glam::{DMat3, DVec2, DVec3, Vec3};
 
-use crate::blocks::{BlockedParticles, BlockedScene, BlockedVolume, Rule, cull};
+use crate::blocks::{BlockedScene, BlockedVolume, Rule, cull};
 use crate::error::Result;
 use crate::frame::shadows::{LightGrid, ShadowGrids};
 use crate::record::{BlockView, ChoiceUniform, LightShadow};
@@ -31,7 +31,7 @@ pub(crate) use lookup::{
     surfel_transmittance,
 };
 use map::Map;
-use occluder::{Axes, Run, runs};
+use occluder::{Axes, Run};
 
 /// Words of all grids together, without those of maps: 64 MiB.
 const MOST_WORDS: f64 = (1 << 24) as f64;
@@ -46,6 +46,11 @@ const MOST_CELLS: f64 = 1024.0;
 const CELL_SIGMAS: f64 = 1.25;
 /// Side of a texel in standard deviations of the median surfel.
 const TEXEL_SIGMAS: f64 = 1.0;
+/// Greatest number of additions to a grid or a map: about a second of one processor. If kernels are much larger than
+/// the finest ones, cells are larger.
+const MOST_ADDITIONS: f64 = 5e8;
+/// Most blocks whose particles are held at a time.
+const MOST_BLOCKS: usize = 2048;
 /// Distance from its centre at which a kernel ends, standard deviations: .6 % of it lies beyond, and the rest
 /// is increased by that much.
 const REACH: f32 = 3.2;
@@ -146,7 +151,7 @@ fn light_grid(
         };
         let mut grid = Grid::new(cells.size);
         for shown in &volumes {
-            for run in runs(shown.volume, &shown.views) {
+            for run in shown.views.chunks(MOST_BLOCKS) {
                 check(request.task)?;
                 let run = Run::new(shown.volume, shown.rule, run, &camera, request.clip);
                 grid.add(&run.kernels(&axes_of_cells));
@@ -175,7 +180,7 @@ fn light_grid(
         };
         let mut all = Vec::new();
         for shown in &surfaces {
-            for run in runs(shown.volume, &shown.views) {
+            for run in shown.views.chunks(MOST_BLOCKS) {
                 check(request.task)?;
                 let run = Run::new(shown.volume, shown.rule, run, &camera, request.clip);
                 all.append(&mut run.kernels(&axes_of_texels));
@@ -215,8 +220,8 @@ struct Extent {
     upper: Vec3,
     /// Standard deviation of the finer quarter of kernels, world units.
     fine: f64,
-    /// Median of the greatest standard deviations of blocks, world units.
-    median: f64,
+    /// The greatest standard deviation of each block, world units, and its number of particles.
+    greatest: Vec<(f64, u32)>,
 }
 
 impl Extent {
@@ -238,10 +243,7 @@ impl Extent {
             }
             lower = lower.min(origin - reach);
             upper = upper.max(origin + reach);
-            let count = match shown.volume.particles {
-                BlockedParticles::Lattice(_) => 1,
-                _ => block.count,
-            };
+            let count = block.count;
             let (least, most) = (f64::from(block.min_sigma), f64::from(block.max_sigma));
             fine.push(((least * most).sqrt(), count));
             greatest.push((most, count));
@@ -250,16 +252,37 @@ impl Extent {
             lower,
             upper,
             fine: quantile(fine, 0.25),
-            median: quantile(greatest, 0.5),
+            greatest,
         })
+    }
+
+    /// Enlarges cells or texels until adding the particles takes at most [`MOST_ADDITIONS`].
+    ///
+    /// - `dimensions`: 3 for cells, 2 for texels.
+    fn affordable(&self, mut side: f64, dimensions: i32) -> f64 {
+        let additions = |side: f64| -> f64 {
+            let of = |(sigma, count): &(f64, u32)| {
+                f64::from(*count) * (2.0 * f64::from(REACH) * sigma / side + 2.0).powi(dimensions)
+            };
+            self.greatest.iter().map(of).sum()
+        };
+        while additions(side) > MOST_ADDITIONS {
+            let larger = side * 1.1;
+            // From here on, more than a cell for each particle would not help.
+            if additions(larger) > 0.99 * additions(side) {
+                break;
+            }
+            side = larger;
+        }
+        side
     }
 
     /// Returns the side of a texel of a map, world units.
     fn texel(&self, most: f64) -> f64 {
         let size = f64::from((self.upper - self.lower).truncate().max_element());
-        (TEXEL_SIGMAS * self.median)
-            .max(size / most)
-            .max(f64::MIN_POSITIVE)
+        let median = quantile(self.greatest.clone(), 0.5);
+        let side = (TEXEL_SIGMAS * median).max(size / most);
+        self.affordable(side.max(f64::MIN_POSITIVE), 2)
     }
 }
 
@@ -290,7 +313,8 @@ impl Cells {
     fn new(extent: &Extent, most: f64) -> Self {
         let size = (extent.upper - extent.lower).as_dvec3();
         let longest = size.max_element().max(f64::MIN_POSITIVE);
-        let mut side = (CELL_SIGMAS * extent.fine).max(longest / MOST_CELLS);
+        let side = (CELL_SIGMAS * extent.fine).max(longest / MOST_CELLS);
+        let mut side = extent.affordable(side, 3);
         let count = |side: f64| (size / side).ceil().max(DVec3::new(2.0, 2.0, 1.0));
         while (count(side) + DVec3::Z).element_product() > most {
             side *= 1.02;

@@ -44,18 +44,6 @@ pub(super) struct Occluder {
     pub(super) sigma: f32,
 }
 
-/// Most blocks whose particles are held at a time.
-const MOST_BLOCKS: usize = 2048;
-
-/// Divides the blocks of a volume into runs.
-pub(super) fn runs<'a>(
-    volume: &BlockedVolume,
-    views: &'a [BlockView],
-) -> impl Iterator<Item = &'a [BlockView]> {
-    let _ = volume;
-    views.chunks(MOST_BLOCKS)
-}
-
 /// The visible particles of a run of blocks.
 pub(super) struct Run<'a> {
     volume: &'a BlockedVolume,
