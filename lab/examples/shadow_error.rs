@@ -13,12 +13,8 @@ use ewa_splat::io::{Geometry, OpenOptions, RawLayout, RawType, open, write_image
 use ewa_splat::math::normal_code;
 use ewa_splat::reference::Integrator;
 use ewa_splat::sample::mesh::{MeshOptions, Spread, surfels};
-use ewa_splat::sample::{
-    FunctionOptions, PurposeOptions, SampleOptions, TransferChoice, volume,
-};
-use ewa_splat::scene::{
-    Light, LightFrame, Lighting, Particles, PointVolume, Shadows, Strength,
-};
+use ewa_splat::sample::{FunctionOptions, PurposeOptions, SampleOptions, TransferChoice, volume};
+use ewa_splat::scene::{Light, LightFrame, Lighting, Particles, PointVolume, Shadows, Strength};
 use ewa_splat::view::{Lens, Viewpoint};
 use ewa_splat::{Backend, Image, Renderer, Settings};
 use glam::DVec3;
@@ -30,11 +26,17 @@ fn main() -> ewa_splat::Result<()> {
     let mut arguments = std::env::args().skip(1);
     let size: usize = arguments.next().and_then(|a| a.parse().ok()).unwrap_or(96);
     let wanted = arguments.next();
-    let count: usize = arguments.next().and_then(|a| a.parse().ok()).unwrap_or(2000);
+    let count: usize = arguments
+        .next()
+        .and_then(|a| a.parse().ok())
+        .unwrap_or(2000);
     let out = arguments.next().map(PathBuf::from);
     println!("scene | light | RMSE | 99.9th percentile | greatest | frame ms | shadows ms");
     for (name, scene, up) in scenes()? {
-        if wanted.as_deref().is_some_and(|wanted| wanted != name && wanted != "all") {
+        if wanted
+            .as_deref()
+            .is_some_and(|wanted| wanted != name && wanted != "all")
+        {
             continue;
         }
         let mut renderer = Renderer::with_options(scene.clone(), Backend::Cpu)?;
@@ -99,7 +101,9 @@ fn main() -> ewa_splat::Result<()> {
 fn errors(picture: &Image, pixels: &[[usize; 2]], truth: &[[f64; 4]]) -> [f64; 3] {
     let difference = |(&[x, y], truth): (&[usize; 2], &[f64; 4])| {
         let own = picture.pixel(x, y);
-        (0..3).fold(0.0_f64, |most, c| most.max((f64::from(own[c]) - truth[c]).abs()))
+        (0..3).fold(0.0_f64, |most, c| {
+            most.max((f64::from(own[c]) - truth[c]).abs())
+        })
     };
     let mut all: Vec<f64> = pixels.iter().zip(truth).map(difference).collect();
     all.sort_by(f64::total_cmp);
@@ -131,7 +135,8 @@ fn scenes() -> ewa_splat::Result<Vec<Scene>> {
     };
     let wake = open(&root.join("fixtures/wake.xyz"), &OpenOptions::default())?;
     let wake = volume(wake, &of_wake)?.volume;
-    let Geometry::Mesh(mesh) = open(&root.join("fixtures/vase.glb"), &OpenOptions::default())?.geometry
+    let Geometry::Mesh(mesh) =
+        open(&root.join("fixtures/vase.glb"), &OpenOptions::default())?.geometry
     else {
         return Ok(Vec::new());
     };
@@ -205,7 +210,10 @@ fn smoke([middle, half]: &[DVec3; 2]) -> PointVolume {
     let positions: Vec<DVec3> = (0..count).map(position).collect();
     let depth = 0.05;
     let mass = (depth * std::f64::consts::TAU * sigma * sigma) as f32;
-    let normals = positions.iter().map(|p| normal_code(*p - *middle)).collect();
+    let normals = positions
+        .iter()
+        .map(|p| normal_code(*p - *middle))
+        .collect();
     let particles = Particles::Isotropic {
         positions,
         sigmas: vec![sigma as f32; count],

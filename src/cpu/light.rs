@@ -8,10 +8,10 @@ use super::shadow::{kernel_transmittance, surfel_transmittance};
 use crate::blocks::{BlockedParticles, BlockedVolume};
 use crate::constants::MAX_LIGHTS;
 use crate::math::normal_of_code;
-use crate::scene::StrengthIn;
 use crate::record::{
     BlockView, Carried, ClassifiedParticle, LightingUniform, PieceTerms, ShadowUniform,
 };
+use crate::scene::StrengthIn;
 use crate::splat::unit_normal;
 
 /// Shadows of a frame.
@@ -151,14 +151,7 @@ pub fn lit(
     normal: Vec3,
     to_eye: Vec3,
 ) -> [f32; 3] {
-    lit_through(
-        lighting,
-        sides,
-        colour,
-        normal,
-        to_eye,
-        &[1.0; MAX_LIGHTS],
-    )
+    lit_through(lighting, sides, colour, normal, to_eye, &[1.0; MAX_LIGHTS])
 }
 
 /// As [`lit`], under shadows.

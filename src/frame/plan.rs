@@ -6,15 +6,17 @@
 use std::sync::Arc;
 
 use super::backdrop::RayEnds;
-use super::shadows::ShadowGrids;
 use super::settings::{Blend, ColumnSettings, Composite, Order, Settings, Show};
+use super::shadows::ShadowGrids;
 use super::uniforms::{choice_uniform, cull_planes, frustum, lighting_uniform, view_uniform};
 use crate::blocks::{
     Block, BlockedScene, BlockedVolume, Frustum, LayerKind, Layers, distance_interval,
 };
 use crate::constants::{COLUMN_CUTOFF, GREATEST_SRGB_SLOPE};
 use crate::error::Result;
-use crate::record::{ChoiceUniform, ClassifiedBy, KeyKind, LightingUniform, ShadowUniform, ViewUniform};
+use crate::record::{
+    ChoiceUniform, ClassifiedBy, KeyKind, LightingUniform, ShadowUniform, ViewUniform,
+};
 use crate::scene::{Classification, TransferFunction};
 use crate::simd::SimdLevel;
 use crate::splat::{Accumulate, Axes, Classify, Filter, Interval, SPLAT_LOW_PASS_PX2};

@@ -60,7 +60,10 @@ pub(super) fn bind_light(
         ],
         &[
             ("IS_SURFEL", flag(kind == ParticleKind::Surfels)),
-            ("IS_SHEET", flag(matches!(part.kinds.rule, Rule::Translucent { .. }))),
+            (
+                "IS_SHEET",
+                flag(matches!(part.kinds.rule, Rule::Translucent { .. })),
+            ),
             ("HAS_SHADOWS", flag(has_shadows)),
             ("HAS_PIECES", flag(part.has_pieces(by))),
             ("HAS_NORMALS", flag(part.kinds.has_normals)),

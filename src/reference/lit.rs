@@ -75,7 +75,10 @@ impl Integrator {
         camera.validate()?;
         let view = View::new(self, camera, lighting, low_pass_variance_px2);
         let place = |[x, y]: &[usize; 2]| DVec2::new(*x as f64, *y as f64) + 0.5;
-        Ok(pixels.par_iter().map(|pixel| view.ray(place(pixel))).collect())
+        Ok(pixels
+            .par_iter()
+            .map(|pixel| view.ray(place(pixel)))
+            .collect())
     }
 }
 
@@ -214,9 +217,8 @@ impl<'a> View<'a> {
         if far.is_finite() {
             cuts.push(far);
         }
-        let up_to = |t: f64| -> Vec<f64> {
-            segments.iter().map(|(s, _)| depth_before(s, t)).collect()
-        };
+        let up_to =
+            |t: f64| -> Vec<f64> { segments.iter().map(|(s, _)| depth_before(s, t)).collect() };
         let mut light = DVec3::ZERO;
         let mut depth = 0.0_f64;
         let mut before = up_to(near);

@@ -538,7 +538,9 @@ impl Renderer {
         let mut plan = FramePlan::new(&self.scene, camera, settings)?;
         if let Some(lighting) = &settings.lighting {
             self.refuse_shadows_on_ranks(lighting)?;
-            plan.shadows = self.shadows.of(&self.scene, &plan, lighting, &settings.clip)?;
+            plan.shadows = self
+                .shadows
+                .of(&self.scene, &plan, lighting, &settings.clip)?;
         }
         Ok(plan)
     }

@@ -179,15 +179,7 @@ fn particles_are_lit_alike() {
             let uniform = LightingUniform::new(&lighting, &camera);
             let rotation = camera.camera_from_world.as_mat3();
             let (mut on_cpu, mut on_device) = (particles.clone(), particles.clone());
-            cpu::light(
-                &volume,
-                &views,
-                &[],
-                rotation,
-                &uniform,
-                None,
-                &mut on_cpu,
-            );
+            cpu::light(&volume, &views, &[], rotation, &uniform, None, &mut on_cpu);
             let part_bytes = [u64::MAX, 100_000][case % 2];
             device::light(
                 gpu,

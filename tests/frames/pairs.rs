@@ -213,7 +213,11 @@ fn settings() -> Vec<(&'static str, Vec<Setting>)> {
                     |s| s.lighting = Some(Lighting::default()),
                     Law::AsOpaque(1e-6),
                 ),
-                one("shadows", |s| s.lighting = with_shadows(0.0), Law::AsOpaque(1e-6)),
+                one(
+                    "shadows",
+                    |s| s.lighting = with_shadows(0.0),
+                    Law::AsOpaque(1e-6),
+                ),
                 one(
                     "soft shadows",
                     |s| s.lighting = with_shadows(5.0),

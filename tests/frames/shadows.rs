@@ -109,17 +109,28 @@ fn a_kernel_shades_the_kernel_below_it() {
         ])];
         // Two units are 13 pixels.
         let passed = passed(&scene, &side(10.0), [32, 45], 0.0);
-        // Over the receiver's own width the depth varies by (.1/.3)²; the footprints on the grid widen by a
-        // tenth of the occluder's.
-        let expected = (-depth).exp();
-        assert!((passed - expected).abs() < 0.04, "{depth}: {passed} {expected}");
+        // The mean over the receiver: half its squared radius, in deviations, is distributed exponentially, and the
+        // depth falls by exp(-e/9) where that is e.
+        let expected: f64 = (0..4000)
+            .map(|n| (n as f64 + 0.5) * 0.005)
+            .map(|e| 0.005 * (-e - depth * (-e / 9.0).exp()).exp())
+            .sum();
+        // Six places stand for the receiver, and lines between cells for the occluder.
+        assert!(
+            (passed - expected).abs() < 0.03,
+            "{depth}: {passed} {expected}"
+        );
     }
 }
 
 #[test]
 fn light_falls_exponentially_in_a_slab() {
     let n = 33;
-    let lattice = Lattice::uniform([n; 3], DVec3::splat(-1.0), DVec3::splat(2.0 / (n - 1) as f64));
+    let lattice = Lattice::uniform(
+        [n; 3],
+        DVec3::splat(-1.0),
+        DVec3::splat(2.0 / (n - 1) as f64),
+    );
     // Half of the light passes a unit.
     let grey = TransferFunction::from_curves(|_| [1.0; 3], |_| 0.5, [0.0, 1.0], 1.0).unwrap();
     let mut volume = PointVolume::lattice(lattice, vec![0.5_f32; n * n * n], grey);
@@ -135,7 +146,10 @@ fn light_falls_exponentially_in_a_slab() {
         let passed = passed(&[volume.clone()], &camera, [32, pixel], 0.0);
         let expected = (-per_unit * (1.0 - z)).exp();
         // The lattice's kernels end half a spacing beyond its faces, 3 % of the depth.
-        assert!((passed / expected - 1.0).abs() < 0.07, "{z}: {passed} {expected}");
+        assert!(
+            (passed / expected - 1.0).abs() < 0.07,
+            "{z}: {passed} {expected}"
+        );
     }
 }
 
@@ -198,7 +212,10 @@ fn a_surface_casts_a_sharp_shadow_on_a_surface_without_acne() {
 #[test]
 fn soft_shadows_blur_with_distance_and_keep_their_area() {
     let soft = profile(6.0);
-    let width: f64 = soft.iter().map(|(_, ratio)| (1.0 - ratio) * 5.0 / 129.0).sum();
+    let width: f64 = soft
+        .iter()
+        .map(|(_, ratio)| (1.0 - ratio) * 5.0 / 129.0)
+        .sum();
     assert!((width - 2.0).abs() < 0.1, "{width}");
     // The edge is the normal distribution of standard deviation tan 6° = .105.
     let at = |wanted: f64| {
@@ -312,7 +329,9 @@ fn truth(integrator: &Integrator, camera: &Camera, lighting: &Lighting, low_pass
     let pixels: Vec<[usize; 2]> = (0..camera.width * camera.height)
         .map(|i| [i % camera.width, i / camera.width])
         .collect();
-    let all = integrator.lit_pixels(camera, lighting, low_pass, &pixels).unwrap();
+    let all = integrator
+        .lit_pixels(camera, lighting, low_pass, &pixels)
+        .unwrap();
     let mut image = Image::new(camera.width, camera.height);
     for (pixel, own) in image.pixels.iter_mut().zip(all) {
         *pixel = own.map(|c| c as f32);
@@ -342,7 +361,7 @@ fn pictures_come_near_single_scattering() {
         centre_px: DVec2::splat(16.0),
         ..view_of_mixed()
     };
-    for (softness, rms, most) in [(None, 0.01, 0.07), (Some(0.0), 0.025, 0.1)] {
+    for (softness, rms, most) in [(None, 0.01, 0.07), (Some(0.0), 0.045, 0.18)] {
         let lighting = Lighting {
             ambient: 0.1,
             ..from_above(softness)
@@ -356,7 +375,10 @@ fn pictures_come_near_single_scattering() {
         let truth = truth(&integrator, &camera, &lighting, 0.1);
         let [rmse, percentile] = differences(&ours, &truth);
         println!("softness {softness:?}: {rmse:.2e}, {percentile:.2e}");
-        assert!(rmse < rms && percentile < most, "{softness:?}: {rmse} {percentile}");
+        assert!(
+            rmse < rms && percentile < most,
+            "{softness:?}: {rmse} {percentile}"
+        );
     }
 }
 
@@ -372,7 +394,9 @@ fn the_reference_agrees_with_closed_forms() {
         let integrator = Integrator::new(&scene).unwrap();
         let light = |softness: Option<f64>| {
             let light = from_above(softness);
-            integrator.lit_pixels(&camera, &light, 0.01, &[[32, 45]]).unwrap()[0][1]
+            integrator
+                .lit_pixels(&camera, &light, 0.01, &[[32, 45]])
+                .unwrap()[0][1]
         };
         let passed = light(Some(0.0)) / light(None);
         // The receiver's width is .0004 of the occluder's variance.
@@ -437,7 +461,10 @@ fn the_number_of_threads_changes_nothing() {
     let camera = view_of_mixed();
     let settings = settings(from_above(Some(3.0)));
     let with = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
         pool.install(|| draw(&scene, &camera, &settings))
     };
     let one = with(1);
@@ -455,19 +482,30 @@ fn both_back_ends_cast_the_same_shadows() {
     let mut scene = mixed();
     // A lattice whose function shows a thin shell: kernels become pieces.
     let n = 17;
-    let lattice = Lattice::uniform([n; 3], DVec3::splat(-1.0), DVec3::splat(2.0 / (n - 1) as f64));
+    let lattice = Lattice::uniform(
+        [n; 3],
+        DVec3::splat(-1.0),
+        DVec3::splat(2.0 / (n - 1) as f64),
+    );
     let value = |i: usize| {
         let at = [i % n, i / n % n, i / (n * n)].map(|k| k as f64 * 2.0 / (n - 1) as f64 - 1.0);
         DVec3::from(at).length() as f32
     };
     let shell = |v: f32| if (v - 0.6).abs() < 0.05 { 1.0 } else { 0.0 };
-    let function = TransferFunction::from_curves(|_| [0.9, 0.8, 0.3], shell, [0.0, 1.8], 8.0).unwrap();
-    let mut volume = PointVolume::lattice(lattice, (0..n * n * n).map(value).collect::<Vec<_>>(), function);
+    let function =
+        TransferFunction::from_curves(|_| [0.9, 0.8, 0.3], shell, [0.0, 1.8], 8.0).unwrap();
+    let mut volume = PointVolume::lattice(
+        lattice,
+        (0..n * n * n).map(value).collect::<Vec<_>>(),
+        function,
+    );
     volume.normals = Some(
         (0..n * n * n)
             .map(|i| {
                 let at = [i % n, i / n % n, i / (n * n)];
-                normal_code(DVec3::from(at.map(|k| k as f64 * 2.0 / (n - 1) as f64 - 1.0)))
+                normal_code(DVec3::from(
+                    at.map(|k| k as f64 * 2.0 / (n - 1) as f64 - 1.0),
+                ))
             })
             .collect(),
     );
@@ -493,7 +531,11 @@ fn both_back_ends_cast_the_same_shadows() {
             let mut renderer = Renderer::new(scene.clone()).unwrap();
             renderer = renderer.on(gpu.clone()).unwrap();
             let on_device = renderer.render(&camera, &settings).unwrap();
-            let pairs = on_cpu.pixels.iter().flatten().zip(on_device.pixels.iter().flatten());
+            let pairs = on_cpu
+                .pixels
+                .iter()
+                .flatten()
+                .zip(on_device.pixels.iter().flatten());
             let mut all: Vec<f32> = pairs.map(|(a, b)| (a - b).abs()).collect();
             all.sort_by(f32::total_cmp);
             let worst = all[all.len() - 1];
@@ -508,7 +550,8 @@ fn what_is_not_built_is_refused() {
     let scene = mixed();
     let camera = view_of_mixed();
     let mut renderer = Renderer::new(scene).unwrap();
-    let mut refused = |settings: &Settings| renderer.render(&camera, settings).unwrap_err().to_string();
+    let mut refused =
+        |settings: &Settings| renderer.render(&camera, settings).unwrap_err().to_string();
     let slabs = Settings {
         composite: Composite::SLABS,
         classify: Classification::Slab,

@@ -73,7 +73,8 @@ pub(crate) fn words(state: &State<'_>) -> Vec<String> {
     let [asked, now] = state.settings;
     let keeps_light = asked.lighting == now.lighting;
     for (name, value) in state.request.given() {
-        let is_light = ["lit", "unlit", "light", "shadows", "shadow-softness"].contains(&name.as_str());
+        let is_light =
+            ["lit", "unlit", "light", "shadows", "shadow-softness"].contains(&name.as_str());
         let is_replaced = REPLACED.contains(&name.as_str()) && !(is_light && keeps_light);
         let is_field = name == "field" && state.field.is_some();
         let is_function = [

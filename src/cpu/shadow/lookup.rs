@@ -106,7 +106,11 @@ pub(crate) fn surfel_transmittance(
     if normal.z > 0.0 {
         normal = -normal;
     }
-    let before = if is_sheet { normal - Vec3::Z } else { Vec3::ZERO };
+    let before = if is_sheet {
+        normal - Vec3::Z
+    } else {
+        Vec3::ZERO
+    };
     let volumes = (-optical_depth(shadow, words, place + before)).exp();
     place += normal * shadow.bias;
     place.z -= shadow.bias;
@@ -208,10 +212,8 @@ fn nearest_surface(shadow: &LightShadow, words: &[f32], place: Vec3, shift: Vec2
     let texel = (place.truncate() + shift - corner) * shadow.map_scale;
     let [columns, rows] = shadow.map_size;
     // Phrased so that NaN is outside.
-    let is_inside = texel.x >= 0.0
-        && texel.y >= 0.0
-        && texel.x < columns as f32
-        && texel.y < rows as f32;
+    let is_inside =
+        texel.x >= 0.0 && texel.y >= 0.0 && texel.x < columns as f32 && texel.y < rows as f32;
     if !is_inside {
         return f32::MAX;
     }

@@ -75,17 +75,31 @@ fn fill<'a>(
     };
     let mut texels = vec![blank; out.len()];
     for _ in 0..LAYERS {
-        each(first_row, columns, surfels.clone(), START, &mut texels, |texel, z, gap, _| {
-            if z > texel.passed + gap {
-                texel.nearest = texel.nearest.min(z);
-            }
-        });
-        each(first_row, columns, surfels.clone(), END, &mut texels, |texel, z, gap, weight| {
-            if z > texel.passed + gap && z <= texel.nearest + gap {
-                texel.weight += weight;
-                texel.depth += weight * z;
-            }
-        });
+        each(
+            first_row,
+            columns,
+            surfels.clone(),
+            START,
+            &mut texels,
+            |texel, z, gap, _| {
+                if z > texel.passed + gap {
+                    texel.nearest = texel.nearest.min(z);
+                }
+            },
+        );
+        each(
+            first_row,
+            columns,
+            surfels.clone(),
+            END,
+            &mut texels,
+            |texel, z, gap, weight| {
+                if z > texel.passed + gap && z <= texel.nearest + gap {
+                    texel.weight += weight;
+                    texel.depth += weight * z;
+                }
+            },
+        );
         let mut is_any = false;
         for (texel, out) in texels.iter_mut().zip(&mut *out) {
             if texel.is_done {

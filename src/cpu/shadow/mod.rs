@@ -43,7 +43,7 @@ const MOST_TEXELS: f64 = 2048.0;
 const MOST_CELLS: f64 = 1024.0;
 /// Side of a cell in standard deviations of the finer quarter of the kernels. Kernels have overlapping tails, so
 /// that sums of many are smoother than one.
-const CELL_SIGMAS: f64 = 1.25;
+const CELL_SIGMAS: f64 = 1.0;
 /// Side of a texel in standard deviations of the median surfel.
 const TEXEL_SIGMAS: f64 = 1.0;
 /// Greatest number of additions to a grid or a map: about a second of one processor. If kernels are much larger than
@@ -71,7 +71,10 @@ pub(crate) struct ShadowRequest<'a> {
 ///
 /// # Errors
 /// Work that was cancelled.
-pub(crate) fn make_shadows(scene: &BlockedScene, request: &ShadowRequest<'_>) -> Result<ShadowGrids> {
+pub(crate) fn make_shadows(
+    scene: &BlockedScene,
+    request: &ShadowRequest<'_>,
+) -> Result<ShadowGrids> {
     let mut out = ShadowGrids::default();
     for direction in &request.directions {
         check(request.task)?;
@@ -138,7 +141,11 @@ fn light_grid(
     light.shadow.softness = softness as f32;
     let mut corner = Vec3::ZERO;
     if let Some(extent) = &of_volumes {
-        let most = if softness > 0.0 { MOST_SOFT_WORDS } else { MOST_WORDS };
+        let most = if softness > 0.0 {
+            MOST_SOFT_WORDS
+        } else {
+            MOST_WORDS
+        };
         let cells = Cells::new(extent, most / lights);
         light.cell = cells.side;
         light.corner = camera.eye + axes.transpose() * cells.corner.as_dvec3();
@@ -232,7 +239,10 @@ impl Extent {
         let mut upper = Vec3::NEG_INFINITY;
         let mut fine = Vec::new();
         let mut greatest = Vec::new();
-        for (shown, view) in shown.iter().flat_map(|s| s.views.iter().map(move |v| (s, v))) {
+        for (shown, view) in shown
+            .iter()
+            .flat_map(|s| s.views.iter().map(move |v| (s, v)))
+        {
             let block = &shown.volume.blocks[view.block as usize];
             let half = Vec3::from(rows.map(|row| row.dot(block.half_extent)));
             // A piece may lie one more deviation away.

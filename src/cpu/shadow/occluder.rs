@@ -18,6 +18,10 @@ use crate::view::{Camera, ClipPlane};
 /// integral within exp(-2 pi² .36) = .08 %.
 const LEAST_VARIANCE: f32 = 0.36;
 
+/// Variance that linear interpolation between cells adds along each axis, on average over places: that of a triangle
+/// two cells wide. Kernels are narrowed by it where they are wide enough.
+const INTERPOLATED: f32 = 1.0 / 6.0;
+
 /// Coordinates of cells, relative to the light's eye.
 pub(super) struct Axes {
     pub(super) corner: Vec3,
@@ -167,16 +171,29 @@ fn occluder(axes: &Axes, rule: Rule, centre: Vec3, factor: &Factor, mass: f32) -
     let half = 0.5 * (xx + yy);
     let greater = half + (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
     let lesser = if greater > 0.0 { own / greater } else { 0.0 };
-    let filter = (LEAST_VARIANCE - lesser).max(0.0);
+    let lacking = LEAST_VARIANCE - lesser;
+    // Maps are not interpolated.
+    let narrowed = match rule {
+        Rule::Surface { .. } => 0.0,
+        _ => -INTERPOLATED,
+    };
+    let filtered = |filter: f32| {
+        let determinant = own + filter * (xx + yy) + filter * filter;
+        let inverse = 1.0 / determinant;
+        let form = [
+            (yy + filter) * inverse,
+            -xy * inverse,
+            (xx + filter) * inverse,
+        ];
+        (form, determinant)
+    };
+    let filter = lacking.max(narrowed);
     let (a, c) = (xx + filter, yy + filter);
-    let determinant = own + filter * (xx + yy) + filter * filter;
-    let inverse = 1.0 / determinant;
-    let form = [c * inverse, -xy * inverse, a * inverse];
+    let (form, determinant) = filtered(filter);
     let (xz, yz) = (x.dot(z), y.dot(z));
-    let slope = Vec2::new(
-        form[0] * xz + form[1] * yz,
-        form[1] * xz + form[2] * yz,
-    );
+    // Mean depths are those of the kernel itself.
+    let ([p, q, r], _) = filtered(lacking.max(0.0));
+    let slope = Vec2::new(p * xz + q * yz, q * xz + r * yz);
     let variance = z.length_squared() - (slope.x * xz + slope.y * yz);
     let root = determinant.sqrt();
     let within = 1.0 - (-0.5 * REACH * REACH).exp();
@@ -184,10 +201,7 @@ fn occluder(axes: &Axes, rule: Rule, centre: Vec3, factor: &Factor, mass: f32) -
     let columns = factor.columns();
     let plane = columns[0].cross(columns[1]).length();
     let (peak, is_opacity) = match rule {
-        Rule::Kernel => (
-            mass * area / (std::f32::consts::TAU * root * within),
-            false,
-        ),
+        Rule::Kernel => (mass * area / (std::f32::consts::TAU * root * within), false),
         Rule::Translucent { .. } => {
             // The cosine between the light and the normal of the sheet.
             let facing = own.sqrt() / (plane * area);
@@ -211,6 +225,6 @@ fn occluder(axes: &Axes, rule: Rule, centre: Vec3, factor: &Factor, mass: f32) -
         peak,
         is_opacity,
         slope,
-        sigma: variance.max(0.0).sqrt(),
+        sigma: (variance - INTERPOLATED).max(0.0).sqrt(),
     })
 }
