@@ -9,6 +9,16 @@
 @group(0) @binding(6) var<storage, read_write> classified: array<ClassifiedParticle>;
 // Codes of normals; surfels may have none.
 @group(0) @binding(7) var<storage, read> normals: array<u32>;
+// The grids and maps of the lights, if there are shadows.
+@group(0) @binding(8) var<storage, read> shadow_words: array<f32>;
+@group(0) @binding(9) var<uniform> shadows: ShadowUniform;
+
+// True if lights have shadows.
+override HAS_SHADOWS: bool = false;
+// True if surfels are of a translucent surface.
+override IS_SHEET: bool = false;
+// True if particles are pieces of kernels, whose terms follow after all particles.
+override HAS_PIECES: bool = false;
 
 // True if particles are surfels. Their normal follows from their tangents, and only light from the eye's
 // side falls on them.
@@ -77,8 +87,9 @@ fn light(
     if HAS_NORMALS {
         normal = stored_normal(view.block, particle.local);
     }
+    var plane = vec3<f32>(0.0);
     if IS_SURFEL {
-        let plane = plane_of(view.block, particle.local);
+        plane = plane_of(view.block, particle.local);
         if HAS_NORMALS {
             normal = smooth_normal(plane, normal, to_eye);
         } else {
@@ -88,5 +99,41 @@ fn light(
     if all(normal == vec3<f32>(0.0)) {
         return;
     }
-    classified[n].carried = triple(lit(vector(particle.carried), normal, IS_SURFEL, to_eye));
+    var passed = no_shadows();
+    if HAS_SHADOWS {
+        let block = view.block;
+        var at = vector(view.origin_camera)
+            + times(rotation, world_offset(block, particle.local));
+        if IS_SURFEL {
+            for (var i = 0u; i < lighting.count; i = i + 1u) {
+                passed[i] = surfel_transmittance(i, at, plane, IS_SHEET);
+            }
+        } else {
+            var factor = camera_factor(rotation, block, particle.local);
+            if HAS_PIECES {
+                let terms = classified[state.capacity + n];
+                let shift = terms.carried[0];
+                let width = terms.carried[1];
+                if width != 1.0 || shift != 0.0 {
+                    let own = vec3<f32>(bitcast<f32>(terms.view), bitcast<f32>(terms.local), terms.mass);
+                    let axis = piece_axis(rotation, own);
+                    let reach = vec3<f32>(
+                        dot3(factor.x, axis),
+                        dot3(factor.y, axis),
+                        dot3(factor.z, axis),
+                    );
+                    let change = width - 1.0;
+                    factor.x = factor.x + axis * (change * reach.x);
+                    factor.y = factor.y + axis * (change * reach.y);
+                    factor.z = factor.z + axis * (change * reach.z);
+                    at = at + reach * shift;
+                }
+            }
+            for (var i = 0u; i < lighting.count; i = i + 1u) {
+                passed[i] = kernel_transmittance(i, at, factor, to_eye);
+            }
+        }
+    }
+    let colour = lit(passed, vector(particle.carried), normal, IS_SURFEL, to_eye);
+    classified[n].carried = triple(colour);
 }

@@ -90,6 +90,8 @@ impl FrameCounts {
 pub struct StageTimes {
     /// Choosing the level of lattices.
     pub choose: f64,
+    /// Making the shadows of lights, unless those of an earlier frame remain.
+    pub shadow: f64,
     pub cull: f64,
     pub classify: f64,
     pub project: f64,
@@ -105,6 +107,7 @@ impl StageTimes {
     /// Adds the times of another frame.
     pub(crate) fn add(&mut self, other: &Self) {
         self.choose += other.choose;
+        self.shadow += other.shadow;
         self.cull += other.cull;
         self.classify += other.classify;
         self.project += other.project;

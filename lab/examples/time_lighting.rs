@@ -95,7 +95,7 @@ fn main() -> ewa_splat::Result<()> {
             let batch = usize::try_from(left).map_or(count, |left| left.min(count));
             let start = Instant::now();
             let lit = &mut colours[..batch];
-            cpu::light(&blocked, &views, rotation, &uniform, lit);
+            cpu::light(&blocked, &views, &[], rotation, &uniform, None, lit);
             total += start.elapsed().as_secs_f64() * 1e3;
             left -= batch as u64;
         }

@@ -61,6 +61,22 @@ struct LightingUniform {
     unused: vec2<u32>,
 }
 
+struct LightShadow {
+    to_cells: array<vec4<f32>, 3>,
+    size: vec3<u32>,
+    first: u32,
+    map_size: vec2<u32>,
+    map_first: u32,
+    map_scale: f32,
+    map_corner: vec2<f32>,
+    bias: f32,
+    softness: f32,
+}
+
+struct ShadowUniform {
+    lights: array<LightShadow, MAX_LIGHTS>,
+}
+
 struct ChoiceUniform {
     focal_px: vec2<f32>,
     thresholds: vec2<f32>,

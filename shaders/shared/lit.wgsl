@@ -13,13 +13,26 @@ fn power(x: f32, y: f32) -> f32 {
     return exp2(y * log2(x));
 }
 
+// Returns the shares of lights without shadows.
+fn no_shadows() -> array<f32, MAX_LIGHTS> {
+    var all: array<f32, MAX_LIGHTS>;
+    for (var i = 0u; i < MAX_LIGHTS; i = i + 1u) {
+        all[i] = 1.0;
+    }
+    return all;
+}
+
 // Returns a colour under the lights, on the eye's side of a surface or on both sides of a gradient.
+//
+// - `passed`: share of each light that reaches it.
 fn lit(
+    passed: array<f32, MAX_LIGHTS>,
     colour: vec3<f32>,
     plane_normal: vec3<f32>,
     is_surface: bool,
     to_eye: vec3<f32>,
 ) -> vec3<f32> {
+    var shares = passed;
     var normal = plane_normal;
     if is_surface && dot3(normal, to_eye) < 0.0 {
         normal = -normal;
@@ -35,7 +48,7 @@ fn lit(
         }
         let halfway = unit_or_zero(direction + to_eye);
         let specular = min(seen(dot3(normal, halfway), is_surface), 1.0);
-        let light = lighting.lights[i].colour.xyz;
+        let light = lighting.lights[i].colour.xyz * shares[i];
         reflected = reflected + light * (lighting.diffuse * diffuse);
         highlight = highlight
             + light * (lighting.specular * power(specular, lighting.shininess));

@@ -1,6 +1,6 @@
 //! Defines the options of light.
 
-use crate::scene::{Light, Lighting};
+use crate::scene::{Light, Lighting, Shadows};
 use clap::Args;
 
 use super::parse;
@@ -20,6 +20,14 @@ pub(crate) struct LightOptions {
     #[arg(long = "light", value_name = "x,y,z[,r,g,b]", value_parser = parse::light,
           allow_hyphen_values = true, conflicts_with_all = ["reference", "column_density"])]
     lights: Vec<Light>,
+    /// Let everything that is shown cast shadows of the lights. Implies --lit
+    #[arg(long, conflicts_with_all = ["unlit", "reference", "column_density"])]
+    shadows: bool,
+    /// Size of the lights, 0 to 15 degrees (a standard deviation): shadows blur with distance
+    /// [default: 0]. Implies --shadows
+    #[arg(long, value_name = "DEG", value_parser = parse::softness, allow_hyphen_values = true,
+          conflicts_with_all = ["unlit", "reference", "column_density"])]
+    shadow_softness: Option<f64>,
 }
 
 impl LightOptions {
@@ -30,7 +38,14 @@ impl LightOptions {
 
     /// Returns the lighting of volumes, if they are lit.
     pub(crate) fn lighting(&self) -> Option<Lighting> {
-        lighting(self.lit, &self.lights)
+        let shadows = (self.shadows || self.shadow_softness.is_some()).then(|| Shadows {
+            softness_deg: self.shadow_softness.unwrap_or_default(),
+        });
+        let lighting = lighting(self.lit || shadows.is_some(), &self.lights);
+        lighting.map(|lighting| Lighting {
+            shadows,
+            ..lighting
+        })
     }
 }
 

@@ -5,7 +5,7 @@ use crate::edit::Displacement;
 use crate::image::linear_from_srgb;
 use crate::io::{RawType, StepChoice};
 use crate::load::Input;
-use crate::scene::{Light, LightFrame};
+use crate::scene::{Light, LightFrame, MAX_SOFTNESS_DEG};
 use crate::view::{Along, ClipPlane, Window};
 use clap::builder::{PathBufValueParser, TypedValueParser};
 use glam::{DQuat, DVec3, Vec3};
@@ -381,6 +381,14 @@ pub(crate) fn finite(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(v) if v.is_finite() => Ok(v),
         _ => Err("a finite number".into()),
+    }
+}
+
+/// Parses the softness of shadows in degrees.
+pub(crate) fn softness(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(v) if (0.0..=MAX_SOFTNESS_DEG).contains(&v) => Ok(v),
+        _ => Err(format!("degrees from 0 to {MAX_SOFTNESS_DEG}")),
     }
 }
 

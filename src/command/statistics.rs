@@ -102,6 +102,7 @@ pub fn stats(renderer: &Renderer, times: &[StageTimes], prepared: Prepared) -> s
             "read": prepared.read_ms,
             "prepare": prepared.prepare_ms,
             "choose": median.choose,
+            "shadow": median.shadow,
             "cull": median.cull,
             "classify": median.classify,
             "project": median.project,

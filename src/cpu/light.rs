@@ -3,22 +3,40 @@
 use glam::{Mat3, Vec3, Vec4};
 use rayon::prelude::*;
 
+use super::project::Shapes;
+use super::shadow::{kernel_transmittance, surfel_transmittance};
 use crate::blocks::{BlockedParticles, BlockedVolume};
+use crate::constants::MAX_LIGHTS;
 use crate::math::normal_of_code;
-use crate::record::{BlockView, Carried, ClassifiedParticle, LightingUniform};
+use crate::record::{
+    BlockView, Carried, ClassifiedParticle, LightingUniform, PieceTerms, ShadowUniform,
+};
+use crate::scene::StrengthIn;
 use crate::splat::unit_normal;
+
+/// Shadows of a frame.
+#[derive(Debug, Clone, Copy)]
+pub struct Shadowing<'a> {
+    /// The lights' grids and maps as the camera sees them.
+    pub uniform: &'a ShadowUniform,
+    /// The numbers of all grids and maps.
+    pub words: &'a [f32],
+}
 
 /// Lights the colours of `classified`. The normals are those that the volume stores; surfels without
 /// stored normals use those of their planes. Other particles stay unchanged. So do splats that state
 /// their opacity: their colours are those of a radiance field, which is already lit.
 ///
 /// - `views`: with their origins in camera space.
+/// - `pieces`: one for each particle if kernels are classified over their extents; empty otherwise.
 /// - `rotation`: rotation of the viewing transformation.
 pub fn light(
     volume: &BlockedVolume,
     views: &[BlockView],
+    pieces: &[PieceTerms],
     rotation: Mat3,
     lighting: &LightingUniform,
+    shadows: Option<Shadowing<'_>>,
     classified: &mut [ClassifiedParticle],
 ) {
     /// Least number of particles per parallel task.
@@ -26,7 +44,9 @@ pub fn light(
     if !volume.is_lit() {
         return;
     }
-    let light_one = |particle: &mut ClassifiedParticle| {
+    let shapes = Shapes::new(volume, rotation);
+    let is_sheet = matches!(volume.strength, StrengthIn::Translucent(_));
+    let light_one = |(n, particle): (usize, &mut ClassifiedParticle)| {
         let view = &views[particle.view as usize];
         let (i, offset) = volume.place(view.block, particle.local);
         let from_eye = Vec3::from(view.origin_camera) + rotation * offset;
@@ -35,11 +55,13 @@ pub fn light(
         } else {
             -from_eye.normalize_or_zero()
         };
+        let mut facing = Vec3::ZERO;
         let (normal, sides) = match (&volume.particles, &volume.normals) {
             (BlockedParticles::Surfels { tangents, .. }, codes) => {
                 let [ax, ay, az, bx, by, bz] = tangents[i];
                 let (a, b) = (Vec3::new(ax, ay, az), Vec3::new(bx, by, bz));
                 let plane = unit_normal(rotation * a, rotation * b).unwrap_or(Vec3::ZERO);
+                facing = plane;
                 let normal = match codes {
                     Some(codes) => {
                         smooth_normal(plane, rotation * normal_of_code(codes[i]), to_eye)
@@ -51,11 +73,37 @@ pub fn light(
             (_, Some(codes)) => (rotation * normal_of_code(codes[i]), Sides::Both),
             (_, None) => return,
         };
+        let mut passed = [1.0; MAX_LIGHTS];
+        if let Some(Shadowing { uniform, words }) = shadows {
+            let lights = uniform.lights.iter().zip(&mut passed);
+            let lights = lights.take(lighting.count as usize);
+            if sides == Sides::Facing {
+                for (shadow, passed) in lights {
+                    *passed = surfel_transmittance(shadow, words, from_eye, facing, is_sheet);
+                }
+            } else {
+                let of_block = shapes.of_block(view.block);
+                let (_, mut factor) = of_block.get(particle.local);
+                let mut at = from_eye;
+                if let Some(piece) = pieces.get(n)
+                    && (piece.width != 1.0 || piece.shift != 0.0)
+                {
+                    let moved;
+                    (moved, factor) = piece.applied(of_block.axis(piece), factor);
+                    at += moved;
+                }
+                for (shadow, passed) in lights {
+                    *passed = kernel_transmittance(shadow, words, at, &factor, to_eye);
+                }
+            }
+        }
         let colour = particle.carried.colour();
-        particle.carried = Carried::of_colour(lit(lighting, sides, colour, normal, to_eye));
+        let lit = lit_through(lighting, sides, colour, normal, to_eye, &passed);
+        particle.carried = Carried::of_colour(lit);
     };
     classified
         .par_iter_mut()
+        .enumerate()
         .with_min_len(GRAIN)
         .for_each(light_one);
 }
@@ -103,6 +151,21 @@ pub fn lit(
     normal: Vec3,
     to_eye: Vec3,
 ) -> [f32; 3] {
+    lit_through(lighting, sides, colour, normal, to_eye, &[1.0; MAX_LIGHTS])
+}
+
+/// As [`lit`], under shadows.
+///
+/// - `passed`: share of each light that reaches the particle.
+#[inline]
+fn lit_through(
+    lighting: &LightingUniform,
+    sides: Sides,
+    colour: [f32; 3],
+    normal: Vec3,
+    to_eye: Vec3,
+    passed: &[f32; MAX_LIGHTS],
+) -> [f32; 3] {
     if normal == Vec3::ZERO {
         return colour;
     }
@@ -117,7 +180,8 @@ pub fn lit(
     };
     let mut reflected = Vec3::splat(lighting.ambient);
     let mut highlight = Vec3::ZERO;
-    for light in &lighting.lights[..lighting.count as usize] {
+    let lights = lighting.lights.iter().zip(passed);
+    for (light, passed) in lights.take(lighting.count as usize) {
         let direction = Vec4::from(light.direction).truncate();
         let diffuse = seen(normal.dot(direction));
         // The light is behind the surface.
@@ -126,7 +190,7 @@ pub fn lit(
         }
         let halfway = (direction + to_eye).normalize_or_zero();
         let specular = seen(normal.dot(halfway)).min(1.0);
-        let light = Vec4::from(light.colour).truncate();
+        let light = Vec4::from(light.colour).truncate() * *passed;
         reflected += light * (lighting.diffuse * diffuse);
         highlight += light * (lighting.specular * specular.powf(lighting.shininess));
     }

@@ -5,6 +5,7 @@
 //! | `classify.rs` | blocks in view, values, transfer function | visible particles |
 //! | `extent.rs` | the same, and the local models of the field | pieces of visible particles |
 //! | `shade.rs` | visible particles whose colours depend on the view | their colours |
+//! | `light.rs` | visible particles with normals, lights, shadows | their colours |
 //! | `project/` | visible particles, camera | footprints |
 //! | `sort.rs` | footprints | their order, front to back |
 //! | `bin.rs` | footprints in order | lists per tile |
@@ -26,6 +27,8 @@
 //! If a frame's particles exceed its memory, `strips.rs` runs these stages for one strip of the picture
 //! after the other.
 //!
+//! `shadow/` makes the shadows that the stage `light` reads, for both back ends, and keeps none.
+//!
 //! Culling comes first and is shared: [`crate::blocks::cull`]. `tile/` has a file for each way to
 //! evaluate, cut, accumulate and classify kernels on the pixels of a tile.
 
@@ -45,6 +48,7 @@ mod pick;
 mod project;
 mod resolve;
 mod shade;
+mod shadow;
 mod slice;
 mod sort;
 mod strips;
@@ -57,12 +61,15 @@ pub use classify::{classify, count_classified};
 pub use extent::Pieces;
 pub(crate) use frame::CpuFrames;
 pub(crate) use light::smooth_normal;
-pub use light::{Sides, light, lit};
+pub use light::{Shadowing, Sides, light, lit};
 pub(crate) use pass::{MOST_ENTRIES, tile_size};
 pub(crate) use pick::shares;
 pub use project::{ProjectInput, ProjectOutput, project};
 pub use resolve::{resolve, resolve_depth, resolve_normals};
 pub use shade::{encode, shade};
+pub(crate) use shadow::{
+    GREATEST_LEAN, SHADOW_DIRECTIONS, SHADOW_TAPS, STEEPEST_SHADOW, ShadowRequest, make_shadows,
+};
 pub(crate) use slice::{Plane, slice};
 pub use sort::{footprint_index, list_visible, sort};
 pub(crate) use tile::TileSums;

@@ -13,6 +13,7 @@ use crate::constants::{COLUMN_TILE_SIZE, TILE_SIZE};
 use crate::cpu::amplitude::{count_amplitudes, fill_amplitudes};
 use crate::cpu::classify::count_classified;
 use crate::cpu::extent::Pieces;
+use crate::cpu::light::Shadowing;
 use crate::cpu::project::ProjectInput;
 use crate::cpu::shade::encode;
 use crate::cpu::tile::{
@@ -362,9 +363,14 @@ impl CpuFrames {
         let rotation = plan.camera.camera_from_world.as_mat3();
         let pieces = std::mem::take(&mut self.pieces);
         let mut terms = std::mem::take(&mut self.terms);
+        let shadows = plan.shadows.as_ref();
+        let shadows = shadows.map(|(grids, uniform)| Shadowing {
+            uniform,
+            words: grids.words(),
+        });
         self.fill_classified(volumes, |i, volume, views, out| {
+            let first = terms.len();
             if has_pieces(plan, volume) {
-                let first = terms.len();
                 terms.resize(first + out.len(), PieceTerms::WHOLE);
                 pieces[i].place(out, &mut terms[first..]);
             } else {
@@ -372,7 +378,8 @@ impl CpuFrames {
             }
             shade(volume, views, &plan.camera, plan.is_encoded, out);
             if let (Some(lighting), true) = (&plan.lighting, pass.lights_particles) {
-                light(volume, views, rotation, lighting, out);
+                let pieces = &terms[first..];
+                light(volume, views, pieces, rotation, lighting, shadows, out);
             }
             if plan.is_encoded {
                 encode(volume, out);

@@ -166,6 +166,13 @@ fn check_pairs(settings: &Settings) -> Result<()> {
     if !settings.classifies_slabs() {
         return Ok(());
     }
+    if settings
+        .lighting
+        .as_ref()
+        .is_some_and(|own| own.shadows.is_some())
+    {
+        return refuse("shadows", "particles that are lit one by one");
+    }
     if settings.blend == Blend::Encoded {
         return refuse(
             "blending in codes",

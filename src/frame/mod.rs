@@ -6,5 +6,6 @@ pub(crate) mod check;
 pub(crate) mod plan;
 pub(crate) mod probe;
 pub(crate) mod settings;
+pub(crate) mod shadows;
 pub(crate) mod supersample;
 pub(crate) mod uniforms;

@@ -3,15 +3,20 @@
 //! The plan is made once, from scene, camera and settings. Both back ends follow it and repeat none of
 //! its decisions.
 
+use std::sync::Arc;
+
 use super::backdrop::RayEnds;
 use super::settings::{Blend, ColumnSettings, Composite, Order, Settings, Show};
+use super::shadows::ShadowGrids;
 use super::uniforms::{choice_uniform, cull_planes, frustum, lighting_uniform, view_uniform};
 use crate::blocks::{
     Block, BlockedScene, BlockedVolume, Frustum, LayerKind, Layers, distance_interval,
 };
 use crate::constants::{COLUMN_CUTOFF, GREATEST_SRGB_SLOPE};
 use crate::error::Result;
-use crate::record::{ChoiceUniform, ClassifiedBy, KeyKind, LightingUniform, ViewUniform};
+use crate::record::{
+    ChoiceUniform, ClassifiedBy, KeyKind, LightingUniform, ShadowUniform, ViewUniform,
+};
 use crate::scene::{Classification, TransferFunction};
 use crate::simd::SimdLevel;
 use crate::splat::{Accumulate, Axes, Classify, Filter, Interval, SPLAT_LOW_PASS_PX2};
@@ -85,6 +90,8 @@ pub(crate) struct FramePlan {
     pub(crate) choice: ChoiceUniform,
     /// Lights in camera space.
     pub(crate) lighting: Option<LightingUniform>,
+    /// Shadows of the lights. The renderer makes them and adds them to the plan.
+    pub(crate) shadows: Option<(Arc<ShadowGrids>, ShadowUniform)>,
     /// Linear RGB behind everything.
     pub(crate) background: Option<[f32; 3]>,
     /// True if colours are composited as sRGB codes, and decoded afterwards.
@@ -220,6 +227,7 @@ impl FramePlan {
                 ..choice_uniform(camera, settings)
             },
             lighting,
+            shadows: None,
             background: settings.shown_background(),
             is_encoded,
             ends: settings.backdrop.as_ref().map(RayEnds::of),
@@ -285,6 +293,7 @@ impl FramePlan {
                 ..choice_uniform(camera, &settings)
             },
             lighting: None,
+            shadows: None,
             background: None,
             is_encoded: false,
             ends: None,

@@ -158,6 +158,8 @@ impl Region {
         };
         Ok(FramePlan {
             tiles: Some(self.tiles_of_samples()),
+            // Its eye and its rotation are the picture's.
+            shadows: picture.shadows.clone(),
             background: picture.background,
             ends: picture
                 .ends

@@ -298,7 +298,7 @@ pub fn cull(
     let parts: Vec<_> = scene.parts.iter().collect();
     let bound = Cull::new(gpu).bind(gpu, &frame, &parts, &buffers, SeenFor::Picture)?;
     let run = |camera: &CameraUniform| {
-        frame.write(gpu, &ViewUniform::zeroed(), camera, None);
+        frame.write(gpu, &ViewUniform::zeroed(), camera, None, None);
         gpu.run(|pass| bound.encode(pass));
         let mut views = vec![Vec::new(); volumes.len()];
         let mut counts = Vec::new();

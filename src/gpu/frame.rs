@@ -5,6 +5,8 @@
 //! their pixels stay on the device for the volumes among them. Other scenes have one pass. Each band of
 //! the image goes through all passes before it is read back.
 
+use std::sync::Arc;
+
 use glam::Vec3;
 use rayon::prelude::*;
 use wgpu::CommandEncoder;
@@ -22,6 +24,7 @@ use crate::constants::TILE_SIZE;
 use crate::error::Result;
 use crate::frame::backend::{DrawFrames, Edit, FrameReport, Images};
 use crate::frame::plan::{Draws, FramePlan};
+use crate::frame::shadows::ShadowGrids;
 use crate::stats::{FrameCounts, StageTimes, Stopwatch};
 use crate::task;
 
@@ -39,6 +42,15 @@ pub(crate) struct DeviceScene {
     frames: [Option<(FrameKind, Frame)>; 2],
     /// Pipeline for textures of the last texture's format.
     present: Option<Present>,
+    shadows: Option<ShadowBuffer>,
+}
+
+/// The grids and maps of lights on the device.
+#[derive(Debug)]
+struct ShadowBuffer {
+    buffer: wgpu::Buffer,
+    /// Those that it holds.
+    of: Arc<ShadowGrids>,
 }
 
 /// Properties by which the buffers of two frames differ.
@@ -60,6 +72,7 @@ impl DeviceScene {
             passes: Vec::new(),
             frames: [None, None],
             present: None,
+            shadows: None,
             gpu,
         })
     }
@@ -95,18 +108,20 @@ impl DeviceScene {
             let present = gpu.watched(|| Present::new(&gpu, format)).await?;
             self.present = Some(present);
         }
+        self.upload_shadows(plan)?;
         let kind = FrameKind {
             passes: plan.passes.iter().map(|p| PassKind::of(plan, p)).collect(),
             stays: texture.is_some(),
         };
         let slot = usize::from(plan.tiles.is_some());
         loop {
+            let words = self.shadows.as_ref().map(|own| &own.buffer);
             let frame = match self.frames[slot].take() {
                 Some((made_for, frame)) if made_for == kind => frame,
                 // Free its memory before allocating the next one's.
                 other => {
                     drop(other);
-                    let make = || Frame::new(&gpu, &self.passes, plan, &kind);
+                    let make = || Frame::new(&gpu, &self.passes, plan, &kind, words);
                     let made = gpu.watched(make).await.flatten();
                     if made.is_err() {
                         self.frames = [None, None];
@@ -146,6 +161,38 @@ impl DeviceScene {
             // The buffers of the other frame are too small, too.
             self.frames = [None, None];
         }
+    }
+
+    /// Uploads the shadows of a plan unless they are on the device.
+    fn upload_shadows(&mut self, plan: &FramePlan) -> Result<()> {
+        /// Words of a buffer for each word that is needed, so that other directions of the lights fit, too.
+        const ROOM: f64 = 1.25;
+        let Some((grids, _)) = &plan.shadows else {
+            return Ok(());
+        };
+        let is_there = |own: &ShadowBuffer| Arc::ptr_eq(&own.of, grids);
+        if self.shadows.as_ref().is_some_and(is_there) {
+            return Ok(());
+        }
+        let own = self.shadows.take();
+        let bytes = size_of_val(grids.words()) as u64;
+        let kept = own.filter(|own| own.buffer.size() >= bytes);
+        let buffer = match kept {
+            Some(own) => own.buffer,
+            None => {
+                // Frames are bound to the buffer before.
+                self.frames = [None, None];
+                let words = (grids.words().len() as f64 * ROOM) as u64;
+                let most = self.gpu.max_binding_bytes().max(bytes);
+                self.gpu.buffer("grids of lights", (4 * words).min(most))?
+            }
+        };
+        self.gpu.write(&buffer, bytemuck::cast_slice(grids.words()));
+        self.shadows = Some(ShadowBuffer {
+            buffer,
+            of: Arc::clone(grids),
+        });
+        Ok(())
     }
 
     /// Returns the device.
@@ -234,7 +281,13 @@ const COLOUR_WORDS: u64 = 4;
 const WORDS_BEFORE_NORMALS: u64 = 5;
 
 impl Frame {
-    fn new(gpu: &Gpu, passes: &[Pass], plan: &FramePlan, kind: &FrameKind) -> Result<Self> {
+    fn new(
+        gpu: &Gpu,
+        passes: &[Pass],
+        plan: &FramePlan,
+        kind: &FrameKind,
+        shadow_words: Option<&wgpu::Buffer>,
+    ) -> Result<Self> {
         let kinds = &kind.passes;
         let size = [plan.camera.width as u32, plan.camera.height as u32];
         let tiles = size.map(|n| n.div_ceil(TILE_SIZE as u32));
@@ -254,6 +307,7 @@ impl Frame {
                 kind,
                 bands,
                 surface,
+                shadow_words,
                 &background,
             )?);
         }

@@ -11,8 +11,8 @@ use super::kinds::ParticleKind;
 use super::packed::rotation_uniform;
 use super::scene::{FrameBuffers, Part, PartBuffers};
 use super::shade::recolour;
-use super::shader::{LIT, NORMAL, Shader, TANGENTS, shaders_of_particles};
-use crate::blocks::BlockedVolume;
+use super::shader::{LIT, NORMAL, SHADOW, Shader, TANGENTS, shaders_of_particles};
+use crate::blocks::{BlockedVolume, Rule};
 use crate::error::Result;
 use crate::record::{BlockView, ClassifiedBy, ClassifiedParticle, LightingUniform};
 
@@ -21,6 +21,7 @@ pub(super) const SHADERS: [Shader; 4] = shaders_of_particles!(
     "light",
     NORMAL,
     TANGENTS,
+    SHADOW,
     LIT,
     include_str!("../../shaders/light.wgsl"),
 );
@@ -33,11 +34,16 @@ pub(super) struct BoundLight {
 }
 
 /// Binds the stage to a part; `None` if it has no normals.
+///
+/// - `has_shadows`: whether lights have shadows.
+/// - `by`: rule that classifies kernels.
 pub(super) fn bind_light(
     gpu: &Gpu,
     frame: &FrameBuffers,
     part: &Part,
     buffers: &PartBuffers,
+    has_shadows: bool,
+    by: ClassifiedBy,
 ) -> Option<BoundLight> {
     use Access::{Read, Uniform, Write};
     if !part.kinds.is_lit {
@@ -49,9 +55,17 @@ pub(super) fn bind_light(
     let kernel = gpu.kernel(
         shader,
         "light",
-        &[Read, Read, Uniform, Uniform, Read, Read, Write, Read],
+        &[
+            Read, Read, Uniform, Uniform, Read, Read, Write, Read, Read, Uniform,
+        ],
         &[
             ("IS_SURFEL", flag(kind == ParticleKind::Surfels)),
+            (
+                "IS_SHEET",
+                flag(matches!(part.kinds.rule, Rule::Translucent { .. })),
+            ),
+            ("HAS_SHADOWS", flag(has_shadows)),
+            ("HAS_PIECES", flag(part.has_pieces(by))),
             ("HAS_NORMALS", flag(part.kinds.has_normals)),
         ],
     );
@@ -76,6 +90,8 @@ pub(super) fn bind_light(
             views,
             classified,
             &part.normals,
+            &frame.shadow_words,
+            &frame.shadows,
         ],
     );
     Some(BoundLight {
@@ -126,7 +142,7 @@ pub fn light(
     gpu.write(&frame.rotation, bytemuck::bytes_of(&rotation));
     let parts = uploaded.scene.parts.iter().zip(&uploaded.buffers);
     for ((part, buffers), range) in parts.zip(uploaded.views) {
-        let Some(bound) = bind_light(gpu, &frame, part, buffers) else {
+        let Some(bound) = bind_light(gpu, &frame, part, buffers, false, ClassifiedBy::Value) else {
             return Ok(());
         };
         recolour(gpu, buffers, views, range, classified, |pass| {

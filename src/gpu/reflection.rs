@@ -343,6 +343,18 @@ fn structs_are_laid_out_alike() {
         shininess,
         unused,
     });
+    check_layout!(LightShadow {
+        to_cells,
+        size,
+        first,
+        map_size,
+        map_first,
+        map_scale,
+        map_corner,
+        bias,
+        softness,
+    });
+    check_layout!(ShadowUniform { lights });
     check_layout!(BrickUniform {
         dims,
         first,

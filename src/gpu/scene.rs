@@ -16,7 +16,7 @@ use crate::constants::{BLOCK_CAPACITY, CLASSIFICATION_TABLE_LEN};
 use crate::error::{Error, Hint, Result};
 use crate::record::{
     BlockView, BrickUniform, CameraUniform, ClassifiedBy, ClassifiedParticle, FrameState,
-    LightingUniform, PartState, PieceTerms, ViewUniform,
+    LightingUniform, PartState, PieceTerms, ShadowUniform, ViewUniform,
 };
 use crate::scene::{
     ColourIn, LobeRow, Lobes, MAX_LOBE_CELLS, MAX_LOBE_ROWS, MAX_LOBES, MAX_WINDOW_CELLS,
@@ -542,6 +542,10 @@ pub(super) struct FrameBuffers {
     pub(super) camera: wgpu::Buffer,
     /// A [`LightingUniform`], if anything is lit.
     pub(super) lighting: wgpu::Buffer,
+    /// A [`ShadowUniform`], if lights have shadows.
+    pub(super) shadows: wgpu::Buffer,
+    /// The lights' grids and maps, which all passes share.
+    pub(super) shadow_words: wgpu::Buffer,
     /// The camera's rotation, as a uniform.
     pub(super) rotation: wgpu::Buffer,
     /// A [`FrameState`].
@@ -559,6 +563,8 @@ impl FrameBuffers {
             rotation: gpu.uniform("rotation", &rotation_uniform([[0.0; 3]; 3]))?,
             camera: gpu.buffer("camera", size_of::<CameraUniform>() as u64)?,
             lighting: gpu.uniform("lighting", &LightingUniform::zeroed())?,
+            shadows: gpu.uniform("shadows", &ShadowUniform::zeroed())?,
+            shadow_words: gpu.buffer("grids of lights", 4)?,
             state: gpu.buffer("frame state", size_of::<FrameState>() as u64)?,
         })
     }
@@ -570,11 +576,15 @@ impl FrameBuffers {
         view: &ViewUniform,
         camera: &CameraUniform,
         lighting: Option<&LightingUniform>,
+        shadows: Option<&ShadowUniform>,
     ) {
         gpu.write(&self.view, bytemuck::bytes_of(view));
         gpu.write(&self.camera, bytemuck::bytes_of(camera));
         if let Some(lighting) = lighting {
             gpu.write(&self.lighting, bytemuck::bytes_of(lighting));
+        }
+        if let Some(shadows) = shadows {
+            gpu.write(&self.shadows, bytemuck::bytes_of(shadows));
         }
         let rotation = rotation_uniform(camera.rotation);
         gpu.write(&self.rotation, bytemuck::bytes_of(&rotation));

@@ -19,6 +19,7 @@ use crate::constants::{
     SRGB_GAMMA, SRGB_LINEAR_END, SRGB_OFFSET, SRGB_SCALE, SRGB_SLOPE, SURFACE_LAYERS,
     TERMINATION_INTERVAL, TERMINATION_SHARE, TILE_SIZE,
 };
+use crate::cpu::{GREATEST_LEAN, SHADOW_DIRECTIONS, SHADOW_TAPS, STEEPEST_SHADOW};
 use crate::math::lane::{CDF_REACH, CDF_SERIES};
 use crate::math::{
     E1_DENOMINATOR, E1_NUMERATOR, EIN_SERIES, EIN_SPLIT, ERFC_SERIES, EULER, HARMONIC_0,
@@ -124,6 +125,8 @@ pub(super) const FLOATS: &str = include_str!("../../shaders/shared/floats.wgsl")
 pub(super) const FACTOR: &str = include_str!("../../shaders/shared/factor.wgsl");
 /// Conversion between linear light and sRGB codes.
 pub(super) const SRGB: &str = include_str!("../../shaders/shared/srgb.wgsl");
+/// Transmittance to a light.
+pub(super) const SHADOW: &str = include_str!("../../shaders/shared/shadow.wgsl");
 /// Lighting of a colour.
 pub(super) const LIT: &str = include_str!("../../shaders/shared/lit.wgsl");
 
@@ -171,6 +174,7 @@ pub fn prelude() -> String {
         ("SCAN_RUN", SCAN_RUN),
         ("TILE_SIZE", TILE_SIZE as u32),
         ("MAX_LIGHTS", MAX_LIGHTS as u32),
+        ("SHADOW_DIRECTIONS", SHADOW_DIRECTIONS as u32),
         ("BRICK_X", BRICK[0] as u32),
         ("BRICK_Y", BRICK[1] as u32),
         ("BRICK_Z", BRICK[2] as u32),
@@ -320,6 +324,8 @@ pub fn prelude() -> String {
         ("MOST_ROWS", MOST_ROWS as f32),
         ("SIDE_PLACE", SIDE_PLACE),
         ("ROWS_PER_SHEAR", ROWS_PER_SHEAR),
+        ("STEEPEST_SHADOW", STEEPEST_SHADOW),
+        ("GREATEST_LEAN", GREATEST_LEAN),
         ("SRGB_SLOPE", SRGB_SLOPE),
         ("SRGB_SCALE", SRGB_SCALE),
         ("SRGB_OFFSET", SRGB_OFFSET),
@@ -343,6 +349,7 @@ pub fn prelude() -> String {
         ("SUB_PIXEL_LOGS", SUB_PIXEL_LOGS.as_slice()),
         ("SUB_PIXEL_WEIGHTS", SUB_PIXEL_WEIGHTS.as_slice()),
         ("SUB_PIXEL_OPAQUE", SUB_PIXEL_OPAQUE.as_slice()),
+        ("SHADOW_TAPS", SHADOW_TAPS.as_flattened()),
         ("HARMONICS_2", HARMONICS_2.as_slice()),
         ("HARMONICS_3", HARMONICS_3.as_slice()),
     ];

@@ -7,6 +7,7 @@ pub fn median_times(times: &[StageTimes]) -> StageTimes {
     let of = |stage: fn(&StageTimes) -> f64| median(times.iter().map(stage).collect());
     StageTimes {
         choose: of(|t| t.choose),
+        shadow: of(|t| t.shadow),
         cull: of(|t| t.cull),
         classify: of(|t| t.classify),
         project: of(|t| t.project),

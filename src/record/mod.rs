@@ -6,6 +6,7 @@
 //! | [`ViewUniform`] | the frame's set-up | project, rasterise |
 //! | [`CameraUniform`] | the frame's set-up (GPU) | cull, shade, project |
 //! | [`LightingUniform`] | the frame's set-up | light |
+//! | [`ShadowUniform`] | the frame's set-up | light |
 //! | [`DeviceBlock`] | the upload (GPU) | cull, classify, project |
 //! | [`LatticeUniform`] | the upload (GPU) | classify, shade, project |
 //! | [`BrickUniform`] | the upload (GPU) | classify |
@@ -28,6 +29,7 @@
 
 mod block;
 mod footprint;
+mod shadow;
 mod state;
 mod terms;
 mod view;
@@ -40,6 +42,7 @@ pub use footprint::{
     Carried, Footprint, PATH_AFFINE, PATH_CAPPED, PATH_EXACT, PATH_HALF_LINE, PATH_NEAR,
     PATH_NEAR_SURFEL, PATH_PEAK, PATH_SURFEL, pack_range,
 };
+pub use shadow::{LightShadow, ShadowUniform};
 pub use state::{ChunkState, ChunkUniform, FrameState, PartIndex, PartRange, PartState, SortState};
 pub use terms::{ExactTerms, FootprintTerms, NearTerms, PieceTerms, RAY_EDGES, SurfelTerms};
 pub use view::{CameraUniform, ChoiceUniform, KeyKind, LightUniform, LightingUniform, ViewUniform};

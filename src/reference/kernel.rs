@@ -6,6 +6,7 @@ use super::piece::FieldOf;
 use super::settings::PixelFilter;
 use super::sight::between;
 use crate::constants::MOST_EDGES;
+use crate::math::normal_of_code;
 use crate::scene::{Boundary, Classification, Colour, Particles, PointVolume, Strength};
 use crate::view::{Camera, Projection};
 
@@ -15,13 +16,15 @@ pub(super) const REACH: f64 = 7.0;
 /// A visible particle, world units.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Particle {
-    position: DVec3,
+    pub(super) position: DVec3,
     /// L with V = L Lᵀ.
     factor: DMat3,
     /// Mass; for a surface its area, or the area times the optical depth.
     mass: f64,
-    colour: [f64; 3],
-    plane: Option<Plane>,
+    pub(super) colour: [f64; 3],
+    pub(super) plane: Option<Plane>,
+    /// Stored unit normal, or zero.
+    pub(super) normal: DVec3,
     /// Boundary planes n . x + d >= 0 that cut the particle; unused ones have a zero normal.
     edges: [(DVec3, f64); MOST_EDGES],
 }
@@ -30,7 +33,7 @@ pub(super) struct Particle {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Plane {
     /// Unit normal of the front.
-    normal: DVec3,
+    pub(super) normal: DVec3,
     /// The greater standard deviation.
     widest: f64,
     is_one_sided: bool,
@@ -119,6 +122,10 @@ pub(super) fn particles(scene: &[PointVolume], classification: Classification) -
             Colour::Uniform(colour) => *colour,
             Colour::Harmonics { .. } => [0.0; 3],
         };
+        let normal_of = |i: usize| {
+            let codes = volume.normals.as_ref();
+            codes.map_or(DVec3::ZERO, |codes| normal_of_code(codes[i]).as_dvec3())
+        };
         for i in 0..volume.particles.len() {
             let (position, factor, cell_volume) = volume.particles.shape(i);
             if let (Some(field), Strength::Classified { volumes }) = (&field, &volume.strength) {
@@ -137,6 +144,7 @@ pub(super) fn particles(scene: &[PointVolume], classification: Classification) -
                             mass,
                             colour: colour.map(f64::from),
                             plane: None,
+                            normal: normal_of(i),
                             edges,
                         });
                     }
@@ -168,6 +176,7 @@ pub(super) fn particles(scene: &[PointVolume], classification: Classification) -
                     mass,
                     colour,
                     plane,
+                    normal: normal_of(i),
                     edges: edges(volume, &faces, i, position),
                 });
             }

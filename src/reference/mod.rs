@@ -53,6 +53,7 @@
 mod data;
 mod gauss_kronrod;
 mod kernel;
+mod lit;
 pub mod lobe;
 mod mesh;
 mod piece;

@@ -97,6 +97,10 @@ impl Renderer {
         };
         let mut key = settings.clone();
         (key.task, key.background, key.backdrop) = (None, None, None);
+        if let Some(lighting) = &mut key.lighting {
+            // Errors are measured without shadows, which are as smooth as the finest lattice's or smoother.
+            lighting.shadows = None;
+        }
         self.coarser.last = self.measured(key, zoom, bound, count)?.to_vec();
         self.coarser.time = stopwatch.lap();
         Ok(within(&self.coarser.last))

@@ -29,6 +29,7 @@ mod options;
 mod panorama;
 mod pick;
 mod renderer;
+mod shadows;
 mod stereo;
 
 pub use crate::blocks::{LayerKind, Layers, SceneOptions};

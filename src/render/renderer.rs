@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::options::{Contents, RendererOptions};
+use super::shadows::ShadowsKept;
 use crate::blocks::{AmplitudeSummary, BlockedParticles, BlockedScene, BlockedVolume, Layers};
 use crate::collective::Collective;
 use crate::constants::{
@@ -25,7 +26,7 @@ use crate::image::{DepthImage, Image, NormalImage};
 #[cfg(feature = "prepared")]
 use crate::prepared::PreparedScene;
 use crate::ranks::{RankFrames, RankStats};
-use crate::scene::{PointVolume, Requirements, StrengthIn, TransferFunction, Values};
+use crate::scene::{Lighting, PointVolume, Requirements, StrengthIn, TransferFunction, Values};
 use crate::stats::{FrameCounts, StageTimes};
 use crate::view::{Bounds, Camera};
 
@@ -75,6 +76,7 @@ pub struct Renderer {
     layers: Option<Layers>,
     pub(super) report: FrameReport,
     pub(super) coarser: Coarser,
+    shadows: ShadowsKept,
 }
 
 /// The scene on coarser lattices, and the choice among them.
@@ -179,6 +181,7 @@ impl Renderer {
             layers: None,
             report: FrameReport::default(),
             coarser: Coarser::default(),
+            shadows: ShadowsKept::default(),
         })
     }
 
@@ -329,6 +332,7 @@ impl Renderer {
     }
 
     fn edited(&mut self, edit: Edit) -> Result<()> {
+        self.shadows.kept = None;
         self.cpu.edit(&self.scene, edit)?;
         if let Some(ranks) = &mut self.ranks {
             ranks.edit(&self.scene, edit)?;
@@ -531,12 +535,36 @@ impl Renderer {
         check(camera, settings)?;
         check_scene(&self.scene, settings)?;
         self.carry(settings)?;
-        FramePlan::new(&self.scene, camera, settings)
+        let mut plan = FramePlan::new(&self.scene, camera, settings)?;
+        if let Some(lighting) = &settings.lighting {
+            self.refuse_shadows_on_ranks(lighting)?;
+            plan.shadows = self
+                .shadows
+                .of(&self.scene, &plan, lighting, &settings.clip)?;
+        }
+        Ok(plan)
+    }
+
+    /// Refuses shadows if ranks share the scene: no rank has all that hides a light.
+    fn refuse_shadows_on_ranks(&self, lighting: &Lighting) -> Result<()> {
+        if lighting.shadows.is_none() || self.ranks.is_none() {
+            return Ok(());
+        }
+        Err(Error::invalid(
+            "settings",
+            "shadows",
+            "a scene in one process",
+            "a scene that is partitioned among ranks",
+            "leave the shadows out, or draw in one process",
+        ))
     }
 
     /// Stores the report of a picture's frame.
     pub(super) fn drawn(&mut self, plan: &FramePlan, report: FrameReport) {
         self.report = report;
+        let time = std::mem::take(&mut self.shadows.time);
+        self.report.times.shadow = time;
+        self.report.times.frame += time;
         self.layers = plan.of_volumes().and_then(|pass| pass.layers);
     }
 

@@ -27,6 +27,25 @@ pub struct Lighting {
     pub specular: f32,
     /// Exponent of highlights, 1 to 1000: the greater, the smaller the highlights.
     pub shininess: f32,
+    /// Shadows of the lights; `None` lets light pass everything.
+    pub shadows: Option<Shadows>,
+}
+
+/// Shadows: each light's diffuse and specular terms are multiplied by the transmittance toward the light.
+/// [`crate::shading`] describes the method and its error.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Shadows {
+    /// Size of each light, 0 to [`MAX_SOFTNESS_DEG`]: the standard deviation, in degrees, of a light that is a
+    /// Gaussian in the sky. An edge's shadow blurs with the distance from the edge, by the angle's tangent.
+    pub softness_deg: f64,
+}
+
+/// Greatest [`Shadows::softness_deg`]. Beyond it the light's directions differ too much for one grid.
+pub const MAX_SOFTNESS_DEG: f64 = 15.0;
+
+impl Shadows {
+    /// Shadows of lights that are points in the sky.
+    pub const SHARP: Self = Self { softness_deg: 0.0 };
 }
 
 /// A directional light: so far away that its direction is the same everywhere.
@@ -68,6 +87,7 @@ impl Default for Lighting {
             diffuse: 0.65,
             specular: 0.2,
             shininess: 32.0,
+            shadows: None,
         }
     }
 }
@@ -103,6 +123,12 @@ impl Lighting {
         if !(1.0..=1000.0).contains(&self.shininess) {
             let found = self.shininess.to_string();
             return refuse("shininess", "a number from 1 to 1000".into(), found);
+        }
+        if let Some(Shadows { softness_deg }) = self.shadows
+            && !(0.0..=MAX_SOFTNESS_DEG).contains(&softness_deg)
+        {
+            let expected = format!("degrees from 0 to {MAX_SOFTNESS_DEG}");
+            return refuse("softness of shadows", expected, softness_deg.to_string());
         }
         for light in &self.lights {
             if light.direction.try_normalize().is_none() {

@@ -28,7 +28,7 @@ pub use boundary::{Boundary, BoundaryPlanes, BoundaryPlanesIn, MOST_EDGES};
 pub use classification::Classification;
 pub(crate) use lattice::{LONE_CELL_WIDTH, cell_width};
 pub use lattice::{Lattice, LatticeSpacing};
-pub use lighting::{Light, LightFrame, Lighting};
+pub use lighting::{Light, LightFrame, Lighting, MAX_SOFTNESS_DEG, Shadows};
 #[cfg(feature = "gpu")]
 pub(crate) use local_models::{
     DEPARTURE_BITS, DEPARTURE_STEPS_PER_OCTAVE, DIRECTION_BITS, DIRECTION_STEPS, RANGE_BITS,

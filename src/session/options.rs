@@ -14,7 +14,9 @@ use crate::sample::{
     BoundaryChoice, FunctionOptions, KernelOptions, ParticleShape, PeriodicBox, SampleOptions,
     TransferChoice,
 };
-use crate::scene::{Classification, Light, LightFrame, Lighting, ScaleName, SplatRule};
+use crate::scene::{
+    Classification, Light, LightFrame, Lighting, MAX_SOFTNESS_DEG, ScaleName, Shadows, SplatRule,
+};
 use crate::splat::Filter;
 use crate::view::ClipPlane;
 
@@ -367,10 +369,21 @@ pub fn drawing<A: Arguments>(said: &mut A) -> Result<Drawing, A::Error> {
     }
     let lights = said.rows::<6>("lights")?;
     let lit = said.flag("lit")?;
+    let shadows = shadows(said)?;
+    if shadows.is_some() && lit == Some(false) {
+        return Err(A::refused(
+            "lit: expected true, or nothing, beside shadows, found false",
+        ));
+    }
+    let lit = shadows.map(|_| true).or(lit);
     let is_lit = lit == Some(true) || lights.is_some();
     // By default, surfaces are lit. Post-classified slabs would be lit with them, so then there
     // is no light.
     let lighting = lighting::<A>(lit, lights.as_deref(), !classifies_slabs)?;
+    let lighting = lighting.map(|lighting| Lighting {
+        shadows,
+        ..lighting
+    });
     let planes = said.rows::<4>("clip")?.unwrap_or_default();
     let drawing = Drawing {
         settings: Settings {
@@ -501,6 +514,23 @@ pub fn lighting<A: Arguments>(
         })),
         (None, lit) => Ok(lit.unwrap_or(is_default).then(Lighting::default)),
     }
+}
+
+/// Returns the shadows that are asked for.
+fn shadows<A: Arguments>(said: &mut A) -> Result<Option<Shadows>, A::Error> {
+    let wanted = said.flag("shadows")?;
+    let expected = "degrees from 0 to 15";
+    let range = 0.0..=MAX_SOFTNESS_DEG;
+    let softness = number(said, "shadow_softness", expected, |x| range.contains(&x))?;
+    if wanted == Some(false) && softness.is_some() {
+        return Err(A::refused(
+            "shadows: expected true, or nothing, beside shadow_softness, found false",
+        ));
+    }
+    let is_any = wanted == Some(true) || softness.is_some();
+    Ok(is_any.then(|| Shadows {
+        softness_deg: softness.unwrap_or_default(),
+    }))
 }
 
 fn light(&[x, y, z, r, g, b]: &[f64; 6]) -> Light {

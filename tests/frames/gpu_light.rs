@@ -132,6 +132,7 @@ fn lighting(random: &mut Random, count: usize, shininess: f32) -> Lighting {
         diffuse: 0.6,
         specular: 0.5,
         shininess,
+        shadows: None,
     }
 }
 
@@ -178,7 +179,7 @@ fn particles_are_lit_alike() {
             let uniform = LightingUniform::new(&lighting, &camera);
             let rotation = camera.camera_from_world.as_mat3();
             let (mut on_cpu, mut on_device) = (particles.clone(), particles.clone());
-            cpu::light(&volume, &views, rotation, &uniform, &mut on_cpu);
+            cpu::light(&volume, &views, &[], rotation, &uniform, None, &mut on_cpu);
             let part_bytes = [u64::MAX, 100_000][case % 2];
             device::light(
                 gpu,

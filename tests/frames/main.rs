@@ -83,6 +83,7 @@ mod render_laws;
 mod ripple_pictures;
 mod sampled_error;
 mod shading;
+mod shadows;
 mod simd_levels;
 mod slices;
 mod stages;

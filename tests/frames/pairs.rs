@@ -13,7 +13,8 @@ use ewa_splat::Filter;
 use ewa_splat::math::normal_code;
 use ewa_splat::render::{Advanced, Backdrop, SimdLevel};
 use ewa_splat::scene::{
-    Colour, Lattice, LatticeSpacing, Lighting, Particles, PointVolume, Strength, TransferFunction,
+    Colour, Lattice, LatticeSpacing, Lighting, Particles, PointVolume, Shadows, Strength,
+    TransferFunction,
 };
 use ewa_splat::view::{Camera, ClipPlane, Projection};
 use ewa_splat::{Classification, Composite, DepthImage, Image, Renderer, Settings, Show};
@@ -71,6 +72,14 @@ fn halfway() -> Arc<Backdrop> {
         depths,
     };
     Arc::new(Backdrop::new(depth).unwrap())
+}
+
+/// Returns the default lights with shadows.
+fn with_shadows(softness_deg: f64) -> Option<Lighting> {
+    Some(Lighting {
+        shadows: Some(Shadows { softness_deg }),
+        ..Lighting::default()
+    })
 }
 
 /// Returns all settings that change the picture. Settings of one field are in one group and form no
@@ -198,11 +207,23 @@ fn settings() -> Vec<(&'static str, Vec<Setting>)> {
         ),
         (
             "lighting",
-            vec![one(
-                "light",
-                |s| s.lighting = Some(Lighting::default()),
-                Law::AsOpaque(1e-6),
-            )],
+            vec![
+                one(
+                    "light",
+                    |s| s.lighting = Some(Lighting::default()),
+                    Law::AsOpaque(1e-6),
+                ),
+                one(
+                    "shadows",
+                    |s| s.lighting = with_shadows(0.0),
+                    Law::AsOpaque(1e-6),
+                ),
+                one(
+                    "soft shadows",
+                    |s| s.lighting = with_shadows(5.0),
+                    Law::AsOpaque(1e-6),
+                ),
+            ],
         ),
         (
             "sub-pixel opacity",
@@ -241,7 +262,9 @@ fn settings() -> Vec<(&'static str, Vec<Setting>)> {
 }
 
 /// Pairs that contradict each other, with a word of the error.
-const REFUSED: [(&str, &str, &str); 3] = [
+const REFUSED: [(&str, &str, &str); 5] = [
+    ("classified slabs", "shadows", "shadows"),
+    ("classified slabs", "soft shadows", "shadows"),
     ("classified slabs", "choice", "what draws each kernel"),
     (
         "classified slabs",

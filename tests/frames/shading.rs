@@ -45,6 +45,7 @@ fn lighting(lights: &[Light]) -> Lighting {
         diffuse: 0.7,
         specular: 0.3,
         shininess: 20.0,
+        shadows: None,
     }
 }
 

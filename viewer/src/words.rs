@@ -3,7 +3,7 @@
 use ewa_splat::Settings;
 use ewa_splat::command::{Over, ViewRequest};
 use ewa_splat::render::{Classification, Composite, Show};
-use ewa_splat::scene::LightFrame;
+use ewa_splat::scene::{LightFrame, Shadows};
 
 use crate::orbit::{Lens, Orbit};
 
@@ -34,6 +34,8 @@ const REPLACED: [&str; 29] = [
     "lit",
     "unlit",
     "light",
+    "shadows",
+    "shadow-softness",
     "series",
     "legend",
     "axes",
@@ -71,7 +73,8 @@ pub(crate) fn words(state: &State<'_>) -> Vec<String> {
     let [asked, now] = state.settings;
     let keeps_light = asked.lighting == now.lighting;
     for (name, value) in state.request.given() {
-        let is_light = ["lit", "unlit", "light"].contains(&name.as_str());
+        let is_light =
+            ["lit", "unlit", "light", "shadows", "shadow-softness"].contains(&name.as_str());
         let is_replaced = REPLACED.contains(&name.as_str()) && !(is_light && keeps_light);
         let is_field = name == "field" && state.field.is_some();
         let is_function = [
@@ -169,6 +172,13 @@ fn settings(asked: &Settings, now: &Settings, say: &mut impl FnMut(&str, Option<
                     "light",
                     Some(format!("{},{},{},{r},{g},{b}", d.x, d.y, d.z)),
                 );
+            }
+            match lighting.shadows {
+                None => {}
+                Some(Shadows::SHARP) => say("shadows", None),
+                Some(Shadows { softness_deg }) => {
+                    say("shadow-softness", Some(softness_deg.to_string()));
+                }
             }
         }
     }

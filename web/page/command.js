@@ -36,6 +36,7 @@ export function request(state, size, tolerance) {
       slab_thickness: s.composite && s.composite !== 'over' ? s.thickness : undefined,
       lit: s.light === 'on' && !s.direction ? true : s.light === 'off' ? false : undefined,
       lights: s.light === 'on' && s.direction ? [[...s.direction, 1, 1, 1]] : undefined,
+      shadows: s.shadows && s.light !== 'off' ? true : undefined,
       clip,
       background: s.background ? linear(s.background) : undefined,
       transfer_function: edited ?? undefined,
@@ -68,6 +69,7 @@ const SETTINGS = {
   thickness: above,
   tolerance: [(x) => finite(x) && x > 0 && x < 1, 'a number between 0 and 1'],
   surface: flag,
+  shadows: flag,
   columns: flag,
   range: ordered,
   direction,
@@ -177,6 +179,7 @@ export function line(state, name, size, out) {
     if (s.light === 'off') words.push('--unlit');
     if (s.light === 'on' && !s.direction) words.push('--lit');
     if (s.light === 'on' && s.direction) option('light', list(s.direction));
+    if (s.shadows && s.light !== 'off') words.push('--shadows');
     // Pictures in numbers are transparent by default.
     if (s.background !== BACKGROUND || !out.endsWith('.png')) option('background', s.background || 'none');
   }

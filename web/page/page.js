@@ -417,6 +417,7 @@ function fill() {
   for (const id of ['opacity', 'tolerance', 'thickness', 'isosurface']) at(id).value = s[id] ?? '';
   at('step').value = s.step ?? '';
   at('surface').checked = !!s.surface;
+  at('shadows').checked = !!s.shadows;
   at('columns').checked = !!s.columns;
   at('direction').value = s.direction?.join(', ') ?? '';
   at('background').value = s.background || command.BACKGROUND;
@@ -556,6 +557,7 @@ on('tolerance', () => set('tolerance', number('tolerance', 'a number between 0 a
 on('composite', ({ value }) => set('composite', value));
 on('thickness', () => set('thickness', number('thickness', 'a number above 0', (x) => x > 0)));
 on('light', ({ value }) => set('light', value));
+on('shadows', ({ checked }) => set('shadows', checked));
 on('direction', ({ value }) => {
   const numbers = value.split(/[\s,]+/).filter(Boolean).map(Number);
   if (numbers.length && (numbers.length !== 3 || numbers.some((x) => !Number.isFinite(x)))) {

@@ -83,6 +83,8 @@ class Drawing(TypedDict, total=False):
     classify           "extent" or "particle": whether kernels are classified over their extent or by their value alone
     lit                True lights volumes, too; False lights nothing; by default surfaces are lit
     lights             directional lights: (x, y, z) towards each, or (x, y, z, r, g, b)
+    shadows            whether everything that is shown casts shadows of the lights; implies `lit`
+    shadow_softness    size of the lights, 0 to 15 degrees (a standard deviation); implies `shadows`
     blend              "auto", "encoded" or "linear": the space in which colours are composited
     order              "auto", "distance" or "depth": the order in which kernels hide one another
     clip               planes (nx, ny, nz, d) that keep nx x + ny y + nz z + d >= 0, or boxes (x0, y0, z0, x1, y1, z1)
@@ -113,6 +115,8 @@ class Drawing(TypedDict, total=False):
     classify: Literal["extent", "particle"]
     lit: bool
     lights: Sequence[Sequence[float]]
+    shadows: bool
+    shadow_softness: float
     blend: Literal["auto", "encoded", "linear"]
     order: Literal["auto", "distance", "depth"]
     clip: Sequence[Sequence[float]]

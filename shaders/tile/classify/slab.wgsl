@@ -49,7 +49,7 @@ fn classify_layer(sums: vec4<f32>, slopes: Slopes, at: vec2<f32>, depth: f32) ->
             if view.orthographic == 0u {
                 to_eye = -unit_or_zero(ray);
             }
-            colour = lit(colour, normal, false, to_eye);
+            colour = lit(no_shadows(), colour, normal, false, to_eye);
         }
     }
     return vec4<f32>(tau * colour, tau);

@@ -35,6 +35,11 @@ impl<'a> Shapes<'a> {
         }
     }
 
+    /// Returns a vector of the world in camera space.
+    pub(in crate::cpu) fn turned(&self, world: Vec3) -> Vec3 {
+        self.rotation * world
+    }
+
     pub(in crate::cpu) fn of_block(&self, block: u32) -> BlockShapes<'_> {
         let cells = match &self.volume.particles {
             BlockedParticles::Lattice(grid) => grid.cells(block),

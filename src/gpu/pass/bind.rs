@@ -88,6 +88,7 @@ impl PassFrame {
     /// Makes the buffers and bindings.
     ///
     /// - `surface`: the pixels of the opaque surfaces that cut the pass' kernels.
+    /// - `shadow_words`: the lights' grids and maps, if they have shadows.
     /// - `background`: a uniform of which the number of a band's pixels is read.
     ///
     /// # Errors
@@ -99,6 +100,7 @@ impl PassFrame {
         kind: &PassKind,
         bands: Bands,
         surface: Option<&wgpu::Buffer>,
+        shadow_words: Option<&wgpu::Buffer>,
         background: &wgpu::Buffer,
     ) -> Result<Self> {
         let Pass {
@@ -109,7 +111,10 @@ impl PassFrame {
             .unzip();
         let all_classified: u64 = capacities.iter().map(|n| u64::from(*n)).sum();
         let cuts = Cuts::new(bands, all_classified, capacity.chunk);
-        let buffers = FrameBuffers::new(gpu)?;
+        let mut buffers = FrameBuffers::new(gpu)?;
+        if let Some(words) = shadow_words {
+            buffers.shadow_words = words.clone();
+        }
         let parts = drawn.iter().zip(&capacities);
         let parts = parts
             .map(|(part, capacity)| PartBuffers::new(gpu, part, *capacity, kind.classified_by))
@@ -141,7 +146,9 @@ impl PassFrame {
         // Layers that are classified are lit as layers.
         let is_classified = kind.axes.classify != Classify::Particle;
         let light = drawn.iter().zip(&parts).filter(|_| kind.lights_particles);
-        let light = light.filter_map(|(part, b)| bind_light(gpu, &buffers, part, b));
+        let light = light.filter_map(|(part, b)| {
+            bind_light(gpu, &buffers, part, b, kind.has_shadows, kind.classified_by)
+        });
         let encode = drawn.iter().zip(&parts).filter(|_| kind.is_encoded);
         let encode = encode.filter_map(|(part, b)| bind_encode(gpu, part, b));
         let near = gpu.buffer("near kernels", near_bytes(capacity.near.max(1) as usize))?;

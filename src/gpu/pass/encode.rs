@@ -40,8 +40,10 @@ impl PassFrame {
             pass.keys,
             pass.layers.as_ref(),
         );
+        let shadows = plan.shadows.as_ref().map(|(_, uniform)| uniform);
+        let lighting = plan.lighting.as_ref();
         self.buffers
-            .write(gpu, &pass.view, &camera, plan.lighting.as_ref());
+            .write(gpu, &pass.view, &camera, lighting, shadows);
         if let Carries::Amplitude { scale, .. } = pass.carries {
             for (buffer, cell_volume) in self.amplitudes.iter().zip(&self.cell_volumes) {
                 let uniform = AmplitudeUniform::new(scale, *cell_volume);

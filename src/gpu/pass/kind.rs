@@ -15,6 +15,8 @@ pub(in crate::gpu) struct PassKind {
     /// Rule that classifies kernels.
     pub(super) classified_by: ClassifiedBy,
     pub(super) lights_particles: bool,
+    /// True if the lights have shadows.
+    pub(super) has_shadows: bool,
     /// True if colours are composited as sRGB codes.
     pub(super) is_encoded: bool,
     /// True if some tiles of the picture are drawn.
@@ -31,6 +33,7 @@ impl PassKind {
             detail: plan.has_detail(),
             classified_by: plan.classified_by(),
             lights_particles: pass.lights_particles,
+            has_shadows: plan.shadows.is_some(),
             is_encoded: plan.is_encoded,
             is_masked: plan.tiles.is_some(),
             axes: pass.axes,

@@ -1,10 +1,10 @@
 //! Shows the direction of the light on a ball, lit as surfaces are, on which the user drags it.
 
-use egui::{Color32, Pos2, Response, Sense, Ui, Vec2};
-use ewa_splat::scene::{Light, LightFrame, Lighting};
+use egui::{Color32, Pos2, Response, Sense, Slider, Ui, Vec2};
+use ewa_splat::scene::{Light, LightFrame, Lighting, MAX_SOFTNESS_DEG, Shadows};
 use glam::DVec3;
 
-use super::row::{button, group, section, switch};
+use super::row::{button, group, row, section, switch};
 use crate::app::App;
 
 const RADIUS: f32 = 40.0;
@@ -48,7 +48,22 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
         let tip =
             "The light that moves with the camera, over the left shoulder\n--lit without --light";
         if button(ui, "Headlight", tip) {
-            *lighting = Lighting::default();
+            *lighting = Lighting {
+                shadows: lighting.shadows,
+                ..Lighting::default()
+            };
+        }
+        let mut has_shadows = lighting.shadows.is_some();
+        let tip = "Let everything that is shown cast shadows of the lights\n--shadows";
+        if switch(ui, "Shadows", tip, &mut has_shadows).changed() {
+            lighting.shadows = has_shadows.then_some(Shadows::SHARP);
+        }
+        if let Some(shadows) = &mut lighting.shadows {
+            let tip = "Size of the lights, a standard deviation in degrees: shadows blur with distance\n--shadow-softness";
+            row(ui, "Softness", tip, |ui| {
+                let slider = Slider::new(&mut shadows.softness_deg, 0.0..=MAX_SOFTNESS_DEG);
+                ui.add(slider.suffix("°").max_decimals(1))
+            });
         }
     });
 }

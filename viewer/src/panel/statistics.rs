@@ -20,6 +20,11 @@ pub(crate) fn show(app: &App, ui: &mut Ui) {
                 times.choose,
                 "Choosing the level of detail of lattices",
             ),
+            (
+                "Shadows",
+                times.shadow,
+                "Transmittance toward the lights, made again when they, the scene or the clip planes change",
+            ),
             ("Cull", times.cull, "Leaving out blocks that are not seen"),
             (
                 "Classify",
