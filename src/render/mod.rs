@@ -9,6 +9,7 @@
 //! | `backend.rs` | the interface of back ends |
 //! | `options.rs` | options of a renderer |
 //! | `baked.rs` | light in the colours of particles |
+//! | `shadows.rs` | the shadows of a frame, kept while nothing they depend on changes |
 //! | `renderer.rs` | a scene, its back ends and its images |
 //! | `levels.rs` | the choice of coarser lattices |
 //! | `column.rs` | column densities |

@@ -81,9 +81,9 @@ impl Renderer {
         let mut depths = settings.depth.then(|| vec![f32::INFINITY; width * height]);
         let mut normals = settings.normals.then(|| vec![[0.0_f32; 3]; width * height]);
         let mut report = FrameReport::default();
+        let of_faces = of_faces(panorama, settings);
         for part in parts(panorama) {
-            let drawn = &seen_by(part.face, settings);
-            self.render(&part.camera, drawn)?;
+            self.render(&part.camera, &of_faces)?;
             report.add_part(&self.report);
             let image = &self.images.image;
             let pixel = |x: usize, y: usize| image.pixels[y * image.width + x];
@@ -192,18 +192,14 @@ impl Renderer {
     }
 }
 
-/// Returns the settings of a face. Lights that are fixed to the panorama's camera stay where they are.
-fn seen_by(face: Face, settings: &Settings) -> Settings {
+/// Returns the settings of all faces. Lights that are fixed to the panorama's camera stay where they are in the world.
+fn of_faces(panorama: &Panorama, settings: &Settings) -> Settings {
     let mut settings = settings.clone();
-    let turn = DMat3::from_cols_array_2d(&face.axes().map(|axis| axis.to_array())).transpose();
-    for light in settings
-        .lighting
-        .iter_mut()
-        .flat_map(|lighting| &mut lighting.lights)
-    {
-        if light.frame == LightFrame::Camera {
-            light.direction = turn * light.direction;
-        }
+    let world_from_camera = panorama.camera_from_world.transpose();
+    let lights = settings.lighting.iter_mut().flat_map(|l| &mut l.lights);
+    for light in lights.filter(|light| light.frame == LightFrame::Camera) {
+        light.direction = world_from_camera * light.direction;
+        light.frame = LightFrame::World;
     }
     settings
 }

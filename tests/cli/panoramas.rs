@@ -155,7 +155,10 @@ fn what_a_projection_does_not_do_is_refused() {
         assert!(!is_done && said.contains(expected), "{options}: {said}");
         assert!(!folder.path().join("a.png").exists());
     }
-    let (is_done, said) = render(folder.path(), "one.csv --stereo .5 --size 40x30 --out b.npy");
+    let (is_done, said) = render(
+        folder.path(),
+        "one.csv --stereo .5 --size 40x30 --out b.npy",
+    );
     assert!(is_done, "{said}");
     let both = read_image(&folder.path().join("b.npy")).unwrap();
     assert_eq!([both.width, both.height], [40, 60]);
