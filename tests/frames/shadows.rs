@@ -293,7 +293,11 @@ fn a_ball_has_shadow_where_it_faces_away_alone() {
         30.0,
         [96; 2],
     );
-    let shaded = draw(&[ball.clone()], &camera, &settings(from_above(Some(0.0))));
+    let shaded = draw(
+        std::slice::from_ref(&ball),
+        &camera,
+        &settings(from_above(Some(0.0))),
+    );
     let plain = draw(&[ball], &camera, &settings(from_above(None)));
     let mut worst = 0.0_f32;
     for (a, b) in shaded.pixels.iter().zip(&plain.pixels) {

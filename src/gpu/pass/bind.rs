@@ -93,6 +93,10 @@ impl PassFrame {
     ///
     /// # Errors
     /// Too little memory on the device.
+    #[allow(
+        clippy::too_many_arguments,
+        reason = "the parts of a frame that a pass is bound to"
+    )]
     pub(in crate::gpu) fn new(
         gpu: &Gpu,
         pass: &Pass,
