@@ -6,6 +6,13 @@
 //! and shadows. What the second row of a scene has above the first is due to shadows. The reference of the first row
 //! has no shadows either.
 
+#![allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    clippy::cast_possible_wrap,
+    reason = "inputs are narrowed on purpose, and counts are small"
+)]
+
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 

@@ -13,8 +13,8 @@ use crate::blocks::MergeBounds;
 use crate::record::{
     BlockView, BrickUniform, CameraUniform, ChoiceUniform, ChunkState, ChunkUniform,
     ClassifiedParticle, DeviceBlock, ExactTerms, Footprint, FrameState, LatticeUniform,
-    LightUniform, LightingUniform, MergedBlock, NearTerms, PartIndex, PartRange, PartState,
-    PieceTerms, SortState, SurfelTerms, ViewUniform,
+    LightShadow, LightUniform, LightingUniform, MergedBlock, NearTerms, PartIndex, PartRange,
+    PartState, PieceTerms, ShadowUniform, SortState, SurfelTerms, ViewUniform,
 };
 use crate::splat::Profiles;
 use naga::back::pipeline_constants::process_overrides;

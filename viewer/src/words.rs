@@ -8,7 +8,7 @@ use ewa_splat::scene::{LightFrame, Shadows};
 use crate::orbit::{Lens, Orbit};
 
 /// Options that the window's state replaces.
-const REPLACED: [&str; 29] = [
+const REPLACED: [&str; 31] = [
     "eye",
     "target",
     "up",
