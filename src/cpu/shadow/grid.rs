@@ -5,9 +5,8 @@ use std::ops::Range;
 use glam::Vec2;
 use rayon::prelude::*;
 
-use super::REACH;
 use super::lookup::{SHADOW_DIRECTIONS, SHADOW_TAPS};
-use super::occluder::Occluder;
+use super::occluder::{Occluder, REACH};
 
 /// Rows of cells of a strip.
 const STRIP: usize = 8;

@@ -4,7 +4,7 @@ use glam::Vec2;
 use rayon::prelude::*;
 
 use super::grid::{middles, strips};
-use super::occluder::Occluder;
+use super::occluder::{Occluder, REACH};
 
 /// Rows of texels of a strip.
 const STRIP: usize = 16;
@@ -136,7 +136,7 @@ fn each<'a>(
     let rows = first_row..first_row + texels.len() / columns;
     for surfel in surfels {
         let [a, b, c] = surfel.form;
-        let half = surfel.half * (end.sqrt() / super::REACH);
+        let half = surfel.half * (end.sqrt() / REACH);
         let slope = surfel.slope;
         // Neighbours overlap at up to two deviations along a slope, and at a texel's difference across.
         let gap = 1.0 + 0.7 * (slope.x * half.x).hypot(slope.y * half.y);

@@ -31,7 +31,7 @@ pub(crate) use lookup::{
     surfel_transmittance,
 };
 use map::Map;
-use occluder::{Axes, Run};
+use occluder::{Axes, REACH, Run};
 
 /// Words of all grids together, without those of maps: 64 MiB.
 const MOST_WORDS: f64 = (1 << 24) as f64;
@@ -51,9 +51,6 @@ const TEXEL_SIGMAS: f64 = 1.0;
 const MOST_ADDITIONS: f64 = 5e8;
 /// Most blocks whose particles are held at a time.
 const MOST_BLOCKS: usize = 2048;
-/// Distance from its centre at which a kernel ends, standard deviations: .6 % of it lies beyond, and the rest
-/// is increased by that much.
-const REACH: f32 = 3.2;
 
 /// What a scene's shadows are made of, besides the scene.
 #[derive(Debug, Clone, PartialEq)]

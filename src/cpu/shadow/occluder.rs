@@ -5,7 +5,6 @@ use std::ops::Range;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::REACH;
 use crate::blocks::{BlockedVolume, Rule};
 use crate::cpu::classify::{classify, count_classified};
 use crate::cpu::extent::Pieces;
@@ -13,6 +12,10 @@ use crate::cpu::project::Shapes;
 use crate::math::{Factor, normal_cdf};
 use crate::record::{BlockView, ClassifiedParticle, PieceTerms};
 use crate::view::{Camera, ClipPlane};
+
+/// Distance from its centre at which a kernel ends, standard deviations: .6 % of it lies beyond, and the rest
+/// is increased by that much.
+pub(super) const REACH: f32 = 3.2;
 
 /// Least standard deviation of a footprint, cells: the samples of a Gaussian of .6 cells have the sum of its
 /// integral within exp(-2 pi² .36) = .08 %.
