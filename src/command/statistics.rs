@@ -112,6 +112,7 @@ pub fn stats(renderer: &Renderer, times: &[StageTimes], prepared: Prepared) -> s
             "resolve": median.resolve,
             "frame": median.frame,
         },
+        "shadow_ms": times.iter().map(|own| own.shadow).fold(0.0, f64::max),
         "time_to_picture_ms": prepared.begun.elapsed().as_secs_f64() * 1e3,
         "frames": times.len(),
     });
