@@ -45,7 +45,7 @@ const SQRT_3: f32 = 1.732_050_8;
 /// extent, at six places. An opaque kernel shows its side toward the eye: where the optical depth grows by k
 /// per standard deviation, the visible part of a Gaussian is centred k deviations before the centre, at most
 /// [`GREATEST_LEAN`]. In a cloud of 300 kernels with optical depths up to 1, the transmittance at the centre errs by
-/// .20 (root mean square of what is visible), the mean over the kernel by .13, and this by .06.
+/// .20 (root mean square of what is visible), the mean along the light by .18, and this by .06.
 ///
 /// - `at`: its centre, camera space.
 /// - `to_eye`: unit vector.

@@ -46,7 +46,7 @@ const MOST_CELLS: f64 = 1024.0;
 const CELL_SIGMAS: f64 = 1.0;
 /// Side of a texel in standard deviations of the median surfel.
 const TEXEL_SIGMAS: f64 = 1.0;
-/// Greatest number of additions to a grid or a map: about a second of one processor. If kernels are much larger than
+/// Greatest number of additions to a grid or a map, which bounds its time. If kernels are much larger than
 /// the finest ones, cells are larger.
 const MOST_ADDITIONS: f64 = 5e8;
 /// Most blocks whose particles are held at a time.
