@@ -158,7 +158,8 @@ fn kernel_transmittance(light: u32, at: vec3<f32>, factor: Factor, to_eye: vec3<
     let toward = vec3<f32>(dot3(factor.x, of_eye), dot3(factor.y, of_eye), dot3(factor.z, of_eye))
         / sigma;
     let per_cell = change / (2.0 * max(reach, 0.5));
-    let lean = min(per_cell * length(away) * sigma, GREATEST_LEAN);
+    // Behind an occluder a soft light comes back.
+    let lean = clamp(per_cell * length(away) * sigma, 0.0, GREATEST_LEAN);
     let seen = place + turned(light, toward) * lean;
     var sum = 0.0;
     var axes = columns(factor);

@@ -51,6 +51,11 @@ impl SequenceOptions {
         self.series || self.turntable.is_some() || self.camera_path.is_some()
     }
 
+    /// Returns true if cameras follow a path.
+    pub(crate) fn has_path(&self) -> bool {
+        self.camera_path.is_some()
+    }
+
     pub(crate) fn is_series(&self) -> bool {
         self.series
     }

@@ -23,7 +23,7 @@ use crate::{Backend, Error, Renderer, Result, Settings, Task};
 const PROGRAM: &str = "ewa-splat-view";
 
 /// Identifiers of the options of `render` that write files, or that the window does not have.
-const OF_FILES: [&str; 26] = [
+const OF_FILES: [&str; 31] = [
     "out",
     "stats",
     "depth",
@@ -50,6 +50,11 @@ const OF_FILES: [&str; 26] = [
     "background_image",
     "deep",
     "depth_of",
+    "projection",
+    "fisheye_fov",
+    "fisheye",
+    "nside",
+    "stereo",
 ];
 
 #[derive(Args)]

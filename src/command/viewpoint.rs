@@ -498,6 +498,20 @@ impl CameraOptions {
         ])
     }
 
+    /// Returns the name of an option that asks for parallel rays, if one is given.
+    pub(crate) fn of_parallel_rays(&self) -> Option<&'static str> {
+        first_of([
+            ("--ortho", self.ortho.is_some()),
+            ("--along", self.along.is_some()),
+            ("--window", self.window.is_some()),
+        ])
+    }
+
+    /// Returns true if a point and angles both say where to look.
+    pub(crate) fn looks_twice(&self) -> bool {
+        self.target.is_some() && (self.azimuth.is_some() || self.elevation.is_some())
+    }
+
     /// Returns the name of an option that says where to look, if one is given.
     pub(crate) fn of_direction(&self) -> Option<&'static str> {
         first_of([

@@ -9,9 +9,34 @@ use crate::splat::Filter;
 use crate::view::Camera;
 
 /// Greatest width and height of an image: pixel ranges are half words.
-pub(crate) const MAX_IMAGE_SIZE: usize = 65_535;
+const MAX_IMAGE_SIZE: usize = 65_535;
 /// Greatest number of pixels of an image: 5 GiB of tiles and picture.
-pub(crate) const MAX_IMAGE_PIXELS: usize = 1 << 27;
+const MAX_IMAGE_PIXELS: usize = 1 << 27;
+
+/// Checks the size of an image.
+///
+/// # Errors
+/// No pixels, or too many.
+pub(crate) fn check_size([width, height]: [usize; 2]) -> Result<()> {
+    let refuse = |expected: &str| {
+        let found = format!("{width} x {height}");
+        Err(Error::invalid(
+            "settings",
+            "image size",
+            expected,
+            found,
+            "change it",
+        ))
+    };
+    let range = 1..=MAX_IMAGE_SIZE;
+    if !range.contains(&width) || !range.contains(&height) {
+        return refuse("1 to 65,535 pixels along each side");
+    }
+    if width * height > MAX_IMAGE_PIXELS {
+        return refuse("at most 134,217,728 pixels in all");
+    }
+    Ok(())
+}
 
 /// Checks a camera and settings, and refuses those that cannot be drawn.
 ///
@@ -27,16 +52,7 @@ pub(crate) fn check(camera: &Camera, settings: &Settings) -> Result<()> {
             "change it",
         ))
     };
-    if !(1..=MAX_IMAGE_SIZE).contains(&camera.width)
-        || !(1..=MAX_IMAGE_SIZE).contains(&camera.height)
-    {
-        let found = format!("{} x {}", camera.width, camera.height);
-        return refuse("image size", "1 to 65,535 pixels along each side", found);
-    }
-    if camera.width * camera.height > MAX_IMAGE_PIXELS {
-        let found = format!("{} x {}", camera.width, camera.height);
-        return refuse("image size", "at most 134,217,728 pixels in all", found);
-    }
+    check_size([camera.width, camera.height])?;
     camera.validate()?;
     if let Some(background) = settings.background
         && !background.iter().all(|b| b.is_finite())

@@ -49,7 +49,7 @@ pub(crate) struct DeviceScene {
 #[derive(Debug)]
 struct ShadowBuffer {
     buffer: wgpu::Buffer,
-    /// Those that it holds.
+    /// Grids and maps that the buffer holds.
     of: Arc<ShadowGrids>,
 }
 

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::renderer::Renderer;
 use crate::error::{Error, Result};
 use crate::frame::backend::FrameReport;
-use crate::frame::check::{MAX_IMAGE_PIXELS, MAX_IMAGE_SIZE};
+use crate::frame::check::check_size;
 use crate::frame::settings::{ColumnSettings, Settings, Show};
 use crate::image::{ColumnImage, DepthImage, Image, NormalImage};
 use crate::math::narrowed;
@@ -27,8 +27,14 @@ const MARGIN: f64 = 3.0;
 /// Greatest width and height of a part of a face in pixels.
 const MOST_SIDE: f64 = 4096.0;
 
-/// Greatest angle between pixels, radians, at which pixels whose middle is far from a face are left out unseen.
-const FINE: f64 = 0.05;
+/// Least cosine of the angle across a pixel, of .05 radians, whose samples are looked at in parts.
+const FINE: f64 = 0.998_75;
+
+/// Greatest number of pixels of all faces for each pixel of the panorama. Square pixels have about five.
+const MOST_RATIO: f64 = 64.0;
+
+/// Pixels that the faces of any panorama may have.
+const LEAST_PIXELS: f64 = 1e6;
 
 /// Part of a face that a panorama's samples lie in.
 #[derive(Debug)]
@@ -82,7 +88,7 @@ impl Renderer {
         let mut normals = settings.normals.then(|| vec![[0.0_f32; 3]; width * height]);
         let mut report = FrameReport::default();
         let of_faces = of_faces(panorama, settings);
-        for part in parts(panorama) {
+        for part in parts(panorama)? {
             self.render(&part.camera, &of_faces)?;
             report.add_part(&self.report);
             let image = &self.images.image;
@@ -133,7 +139,8 @@ impl Renderer {
     }
 
     /// Draws the column density along the rays of a panorama: [`Renderer::column_density`] of cameras around the eye. In
-    /// an all-sky map, the sum of the pixels times their solid angle is that of each mass divided by the square of its distance.
+    /// an all-sky map, the sum of the pixels times their solid angle is that of each mass divided by the square of its distance. Beside
+    /// kernels narrower than a pixel, interpolation goes below zero.
     ///
     /// # Errors
     /// The errors of [`Renderer::column_density`] and of [`Panorama::validate`]; a slice, ranks.
@@ -147,7 +154,7 @@ impl Renderer {
         let (width, height) = (panorama.width, panorama.height);
         let mut sums = vec![[0.0_f32; 1]; width * height];
         let mut report = FrameReport::default();
-        for part in parts(panorama) {
+        for part in parts(panorama)? {
             self.column_density(&part.camera, settings)?;
             report.add_part(&self.report);
             let column = &self.images.column;
@@ -167,17 +174,9 @@ impl Renderer {
 
     fn check_panorama(&self, panorama: &Panorama) -> Result<()> {
         panorama.validate()?;
-        let (width, height) = (panorama.width, panorama.height);
-        let is_row = panorama.mapping == Mapping::Healpix;
-        let is_small = is_row || width <= MAX_IMAGE_SIZE && height <= MAX_IMAGE_SIZE;
-        if !is_small || width.saturating_mul(height) > MAX_IMAGE_PIXELS {
-            return Err(Error::invalid(
-                "panorama",
-                "size",
-                "at most 65,535 pixels along each side, and 134,217,728 in all",
-                format!("{width} x {height}"),
-                "change it",
-            ));
+        // Maps of the sphere are one long row.
+        if panorama.mapping != Mapping::Healpix {
+            check_size([panorama.width, panorama.height])?;
         }
         if self.rank().is_some() {
             return Err(Error::invalid(
@@ -204,7 +203,7 @@ fn of_faces(panorama: &Panorama, settings: &Settings) -> Settings {
     settings
 }
 
-/// Calls `each` with the place of every sample of a pixel that has a direction.
+/// Calls `each` with the direction of every sample of a pixel that has one.
 fn each_sample(panorama: &Panorama, pixel: usize, mut each: impl FnMut(DVec3)) {
     let pixel = [pixel % panorama.width, pixel / panorama.width];
     for sample in 0..SAMPLES * SAMPLES {
@@ -216,19 +215,25 @@ fn each_sample(panorama: &Panorama, pixel: usize, mut each: impl FnMut(DVec3)) {
 }
 
 /// Returns the parts of faces that a panorama's samples lie in.
-fn parts(panorama: &Panorama) -> Vec<Part> {
+///
+/// # Errors
+/// Pixels that are so much wider than high, or higher than wide, that faces would have far more.
+fn parts(panorama: &Panorama) -> Result<Vec<Part>> {
     type Bounds = [[DVec2; 2]; 6];
     let nothing: Bounds = [[DVec2::INFINITY, DVec2::NEG_INFINITY]; 6];
     let join = |a: Bounds, b: Bounds| {
         std::array::from_fn(|i| [a[i][0].min(b[i][0]), a[i][1].max(b[i][1])])
     };
     let add = |mut bounds: Bounds, pixel: usize| {
-        each_sample(panorama, pixel, |direction| {
+        let mut include = |direction: DVec3| {
             let face = Face::of(direction);
             let slope = face.slope(direction);
             let own = &mut bounds[face as usize];
             *own = [own[0].min(slope), own[1].max(slope)];
-        });
+        };
+        each_sample(panorama, pixel, &mut include);
+        // Depths and normals are looked up there.
+        middle(panorama, pixel).map(include);
         bounds
     };
     let count = panorama.width * panorama.height;
@@ -266,12 +271,18 @@ fn parts(panorama: &Panorama) -> Vec<Part> {
         }
         parts
     };
-    Face::ALL
-        .into_iter()
-        .zip(bounds)
-        .filter(is_met)
-        .flat_map(of_face)
-        .collect()
+    let met = Face::ALL.into_iter().zip(bounds).filter(is_met);
+    let pixels = |(_, [low, high]): (Face, [DVec2; 2])| ((high - low) * focal).element_product();
+    if met.clone().map(pixels).sum::<f64>() > MOST_RATIO * count as f64 + LEAST_PIXELS {
+        return Err(Error::invalid(
+            "panorama",
+            "size",
+            "pixels that are nearly as wide as high",
+            format!("{} x {}", panorama.width, panorama.height),
+            "change it",
+        ));
+    }
+    Ok(met.flat_map(of_face).collect())
 }
 
 /// Returns the camera of a part of a face.
@@ -308,9 +319,8 @@ fn add<const N: usize>(
     sample: impl Fn(DVec2) -> [f32; N] + Sync,
 ) {
     const SHARE: f32 = 1.0 / (SAMPLES * SAMPLES) as f32;
-    let is_fine = panorama.spacing() < FINE;
     sums.par_iter_mut().enumerate().for_each(|(pixel, sum)| {
-        if is_fine && is_beside(panorama, part, pixel) {
+        if is_beside(panorama, part, pixel) {
             return;
         }
         each_sample(panorama, pixel, |direction| {
@@ -323,13 +333,23 @@ fn add<const N: usize>(
     });
 }
 
-/// Returns true if no sample of a small pixel meets a part's face.
+/// Returns the direction of a pixel's middle.
+fn middle(panorama: &Panorama, pixel: usize) -> Option<DVec3> {
+    let pixel = [pixel % panorama.width, pixel / panorama.width];
+    panorama.direction(pixel, DVec2::splat(0.5))
+}
+
+/// Returns true if a pixel is so small and so far from a part's face that none of its samples meets it.
 fn is_beside(panorama: &Panorama, part: &Part, pixel: usize) -> bool {
-    /// Least cosine to the axis of a face, less what small pixels reach beyond their middles.
+    /// Least cosine to the axis of a face, less what small pixels reach beyond a corner.
     const LEAST: f64 = 0.57 - 0.1;
-    let middle = [pixel % panorama.width, pixel / panorama.width];
-    let direction = panorama.direction(middle, DVec2::splat(0.5));
-    direction.is_some_and(|direction| direction.dot(part.face.axes()[2]) < LEAST)
+    let pixel = [pixel % panorama.width, pixel / panorama.width];
+    let corner = |at| panorama.direction(pixel, DVec2::splat(at));
+    let (Some(first), Some(last)) = (corner(0.0), corner(1.0)) else {
+        return false;
+    };
+    let is_far = |corner: DVec3| corner.dot(part.face.axes()[2]) < LEAST;
+    first.dot(last) > FINE && is_far(first) && is_far(last)
 }
 
 /// Stores the values of a part's nearest pixels at the middles of the panorama's.
@@ -342,8 +362,7 @@ fn look_up<T: Send>(
     value: impl Fn(usize, f32) -> T + Sync,
 ) {
     into.par_iter_mut().enumerate().for_each(|(pixel, into)| {
-        let middle = [pixel % panorama.width, pixel / panorama.width];
-        let Some(direction) = panorama.direction(middle, DVec2::splat(0.5)) else {
+        let Some(direction) = middle(panorama, pixel) else {
             return;
         };
         if let Some(place) = part.place(direction) {

@@ -2,10 +2,11 @@
 
 use super::renderer::Renderer;
 use crate::error::{Error, Result};
+use crate::frame::check::check_size;
 use crate::frame::settings::Settings;
 use crate::image::{DepthImage, Image, NormalImage};
 use crate::stats::Stopwatch;
-use crate::view::Camera;
+use crate::view::{Camera, Projection};
 
 impl Renderer {
     /// Draws two pictures, the left eye's over the right eye's: twice as high as the camera's. The eyes lie on either side of the
@@ -14,7 +15,7 @@ impl Renderer {
     /// - `distance`: between the eyes, world units.
     ///
     /// # Errors
-    /// The errors of [`Renderer::render`]; a distance that is not finite; a backdrop; ranks.
+    /// The errors of [`Renderer::render`]; a distance that is not finite; parallel rays; a backdrop; ranks.
     pub fn render_stereo(
         &mut self,
         camera: &Camera,
@@ -38,6 +39,10 @@ impl Renderer {
                 distance.to_string(),
             );
         }
+        if camera.projection == Projection::Orthographic {
+            return refuse("camera", "one with perspective", "parallel rays".into());
+        }
+        check_size([camera.width, camera.height.saturating_mul(2)])?;
         if settings.backdrop.is_some() {
             return refuse(
                 "settings",

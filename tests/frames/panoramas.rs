@@ -258,8 +258,31 @@ fn what_is_no_picture_of_all_directions_is_refused() {
         ..ColumnSettings::default()
     };
     assert!(renderer.column_panorama(&whole, &slice).is_err());
-    // What follows is not affected.
+    // Later pictures are not affected.
     renderer.render_panorama(&whole, &exact()).unwrap();
+}
+
+#[test]
+fn odd_shapes_are_drawn_or_refused() {
+    let mut renderer = Renderer::new(vec![around()]).unwrap();
+    let settings = Settings {
+        depth: true,
+        normals: true,
+        tolerance: 1e-2,
+        ..exact()
+    };
+    // Wide pixels whose samples lie on other faces than their middles.
+    for [width, height] in [[1, 1], [3, 300], [512, 1], [2, 1], [1, 64]] {
+        let whole = panorama(Mapping::Equirectangular, width, height);
+        let picture = renderer.render_panorama(&whole, &settings).unwrap();
+        let least = picture
+            .pixels
+            .iter()
+            .fold(1.0, |least: f32, p| least.min(p[3]));
+        assert!(least > 0.1, "{width} x {height}: {least}");
+    }
+    let thin = panorama(Mapping::Equirectangular, 65_535, 100);
+    assert!(renderer.render_panorama(&thin, &settings).is_err());
 }
 
 #[test]
@@ -310,6 +333,11 @@ fn two_eyes_see_what_each_sees() {
         alone += renderer.counts().footprints;
     }
     assert_eq!(alone, footprints);
+    let flat = Camera {
+        projection: Projection::Orthographic,
+        ..middle.clone()
+    };
+    assert!(renderer.render_stereo(&flat, &settings, 0.3).is_err());
     assert!(
         renderer
             .render_stereo(&middle, &settings, f64::NAN)

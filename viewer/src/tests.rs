@@ -75,7 +75,7 @@ fn rest(window: &mut Harness<'_, App>) {
             "no rest: {:?}",
             window.state().message
         );
-        std::thread::sleep(Duration::from_millis(40));
+        std::thread::sleep(Duration::from_millis(5));
     }
 }
 

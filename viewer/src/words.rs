@@ -3,7 +3,7 @@
 use ewa_splat::Settings;
 use ewa_splat::command::{Over, ViewRequest};
 use ewa_splat::render::{Classification, Composite, Show};
-use ewa_splat::scene::{LightFrame, Shadows};
+use ewa_splat::scene::{Light, LightFrame, Shadows};
 
 use crate::orbit::{Lens, Orbit};
 
@@ -71,10 +71,15 @@ pub(crate) fn words(state: &State<'_>) -> Vec<String> {
         });
     };
     let [asked, now] = state.settings;
+    const OF_LIGHT: [&str; 5] = ["lit", "unlit", "light", "shadows", "shadow-softness"];
+    let lights_volumes = state
+        .request
+        .given()
+        .iter()
+        .any(|(name, _)| name != "unlit" && OF_LIGHT.contains(&name.as_str()));
     let keeps_light = asked.lighting == now.lighting;
     for (name, value) in state.request.given() {
-        let is_light =
-            ["lit", "unlit", "light", "shadows", "shadow-softness"].contains(&name.as_str());
+        let is_light = OF_LIGHT.contains(&name.as_str());
         let is_replaced = REPLACED.contains(&name.as_str()) && !(is_light && keeps_light);
         let is_field = name == "field" && state.field.is_some();
         let is_function = [
@@ -105,7 +110,7 @@ pub(crate) fn words(state: &State<'_>) -> Vec<String> {
         Lens::Orthographic(height) => say("ortho", Some(height.to_string())),
     }
     say("size", Some(format!("{}x{}", state.size[0], state.size[1])));
-    settings(asked, now, &mut say);
+    settings([asked, now], lights_volumes, &mut say);
     let over = state.over;
     let annotations = [
         ("legend", over.legend),
@@ -120,7 +125,13 @@ pub(crate) fn words(state: &State<'_>) -> Vec<String> {
 }
 
 /// Adds the options that differ from the defaults.
-fn settings(asked: &Settings, now: &Settings, say: &mut impl FnMut(&str, Option<String>)) {
+///
+/// - `lights_volumes`: whether the options of the command line light volumes.
+fn settings(
+    [asked, now]: [&Settings; 2],
+    lights_volumes: bool,
+    say: &mut impl FnMut(&str, Option<String>),
+) {
     let default = Settings::default();
     let text = |text: &str| Some(text.to_owned());
     if now.tolerance != default.tolerance {
@@ -165,8 +176,13 @@ fn settings(asked: &Settings, now: &Settings, say: &mut impl FnMut(&str, Option<
         _ if asked.lighting == now.lighting => {}
         None => say("unlit", None),
         Some(lighting) => {
-            let lights = lighting.lights.iter();
-            for light in lights.filter(|light| light.frame == LightFrame::World) {
+            let in_world = |light: &&Light| light.frame == LightFrame::World;
+            let is_implied =
+                lighting.shadows.is_some() || lighting.lights.iter().any(|l| in_world(&l));
+            if lights_volumes && !is_implied {
+                say("lit", None);
+            }
+            for light in lighting.lights.iter().filter(in_world) {
                 let (d, [r, g, b]) = (light.direction, light.colour);
                 say(
                     "light",

@@ -42,9 +42,10 @@ enum DepthName {
 }
 
 impl BackdropOptions {
-    /// Returns true if nothing stands in the picture already.
-    pub(super) fn is_empty(&self) -> bool {
-        self.depth_in.is_none() && self.background_image.is_none()
+    /// Returns the name of an option, if one is given.
+    pub(super) fn first(&self) -> Option<&'static str> {
+        let depth = self.depth_in.as_ref().map(|_| "--depth-in");
+        depth.or_else(|| self.background_image.as_ref().map(|_| "--background-image"))
     }
 
     /// Reads the files. Returns the size of a picture with this backdrop, if there is one.

@@ -29,15 +29,16 @@ impl Arguments {
         let named = std::mem::take(&mut self.inputs);
         self.inputs = self.data.inputs(named, self.sequence.is_series())?;
         self.pass_on();
-        if is_first && self.ending.writes() {
-            self.check_outputs()?;
-        }
         if let Some(size) = self.backdrop.read()? {
             self.size.get_or_insert(size);
         }
-        self.camera
-            .read_file(self.size, |named| self.projection.is_lens_of(named))?;
+        self.camera.read_file(self.wanted_size(), |named| {
+            self.projection.is_lens_of(named)
+        })?;
         self.check_projection()?;
+        if is_first && self.ending.writes() {
+            self.check_outputs()?;
+        }
         if let Some(lighting) = self.lighting() {
             lighting.validate()?;
         }
@@ -106,13 +107,13 @@ impl Arguments {
     }
 
     /// Refuses options that the projection has no use for.
-    pub(super) fn check_projection(&self) -> Result<()> {
+    fn check_projection(&self) -> Result<()> {
         self.projection.check()?;
-        let fault = |option: &'static str, found: &str| {
-            let expected = "perspective or ortho";
+        let fault = |option: &'static str, expected: &str, found: &str| {
+            let place = "--projection";
             Err(Error::invalid(
                 option,
-                "--projection",
+                place,
                 expected,
                 found,
                 "leave it out",
@@ -121,26 +122,25 @@ impl Arguments {
         let named = self.camera.named();
         let is_bent = named.is_some_and(|named| named.mapping.is_some());
         if self.projection.is_lens() && !is_bent {
-            let expected = "--camera with a file whose lens distorts, a fisheye or a sphere";
             return Err(Error::invalid(
                 "--projection lens",
                 "camera",
-                expected,
+                "--camera with a file whose lens distorts, a fisheye or a sphere",
                 "another one",
                 "leave it out",
             ));
         }
         if !self.projection.is_panorama(named) {
-            return match self.camera.of_perspective() {
-                Some(option) if self.projection.is_ortho() => {
-                    let expected = "perspective";
-                    Err(Error::invalid(
-                        option,
-                        "--projection",
-                        expected,
-                        "ortho",
-                        "leave it out",
-                    ))
+            let of_perspective = || {
+                let of_path = self.sequence.has_path().then_some("--camera-path");
+                self.camera.of_perspective().or(of_path)
+            };
+            return match (self.camera.of_parallel_rays(), of_perspective()) {
+                (Some(option), _) if self.projection.is_perspective() => {
+                    fault(option, "ortho", "perspective")
+                }
+                (_, Some(option)) if self.projection.is_ortho() => {
+                    fault(option, "perspective", "ortho")
                 }
                 _ => Ok(()),
             };
@@ -155,31 +155,48 @@ impl Arguments {
             ("--deep", output.deep.is_some()),
             ("--depth-of", output.depth_of.of_deep().is_some()),
             ("--show count", matches!(output.show, ShowName::Count)),
-            ("--depth-in", !self.backdrop.is_empty()),
             ("--mpi", self.mpi),
             ("--stereo", self.projection.stereo().is_some()),
         ];
         let of_planes = of_planes
             .into_iter()
             .find_map(|(name, is_given)| is_given.then_some(name));
-        let of_camera = || self.camera.of_planes().or(self.annotations.in_space());
-        if let Some(option) = of_planes.or_else(of_camera) {
-            return fault(option, "a panorama");
+        let of_planes = of_planes
+            .or_else(|| self.backdrop.first())
+            .or_else(|| self.camera.of_planes())
+            .or_else(|| self.annotations.in_space());
+        if let Some(option) = of_planes {
+            return fault(option, "perspective or ortho", "a panorama");
+        }
+        if self.camera.looks_twice() {
+            return fault(
+                "--target",
+                "one direction",
+                "--azimuth or --elevation beside it",
+            );
         }
         if !self.projection.is_sky() {
             return Ok(());
         }
-        let sky = "an all-sky map, which is in the data's axes";
-        if let Some(option) = self.camera.of_direction() {
-            return fault(option, sky);
+        let of_sky = [
+            ("--size", self.size.is_some()),
+            (
+                "--turntable, --camera-path or --series",
+                self.sequence.is_asked_for(),
+            ),
+            ("--legend", self.legend.legend),
+            ("--title or --time-stamp", !self.annotations.is_empty()),
+        ];
+        let of_sky = of_sky
+            .into_iter()
+            .find_map(|(name, is_given)| is_given.then_some(name));
+        match self.camera.of_direction().or(of_sky) {
+            Some(option) => {
+                let found = "healpix, a map in the data's axes, as large as --nside says";
+                fault(option, "another one", found)
+            }
+            None => check_sky_path(&self.out),
         }
-        if self.size.is_some() {
-            return fault("--size", "a healpix map, whose size --nside says");
-        }
-        if self.sequence.is_asked_for() || self.legend.legend || !self.annotations.is_empty() {
-            return fault("a sequence, a legend or annotations", "an all-sky map");
-        }
-        check_sky_path(&self.out)
     }
 
     /// Refuses a camera that does not look at a slice from the front, and a back end that draws none.

@@ -65,6 +65,7 @@ impl Arguments {
         self.drawn(renderer, camera, &shown)?;
         let mut times = vec![renderer.times()];
         if let Some(frames) = self.output.frames {
+            let shadow = times[0].shadow;
             times.clear();
             progress.set_length(u64::from(frames));
             for _ in 0..frames {
@@ -72,6 +73,8 @@ impl Arguments {
                 times.push(renderer.times());
                 progress.inc(1);
             }
+            // The frame before these has made the shadows.
+            times[0].shadow += shadow;
         }
         if !is_first {
             return Ok(());

@@ -113,6 +113,11 @@ impl ProjectionOptions {
         }
     }
 
+    /// Returns true if a plane in perspective is asked for.
+    pub(super) fn is_perspective(&self) -> bool {
+        self.projection == Some(ProjectionName::Perspective)
+    }
+
     /// Returns true if the rays are parallel.
     pub(super) fn is_ortho(&self) -> bool {
         self.projection == Some(ProjectionName::Ortho)

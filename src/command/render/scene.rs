@@ -8,7 +8,7 @@ use crate::collective::{Alone, Collective};
 use crate::command::legend::bars;
 use crate::command::progress::{note, observer_of};
 use crate::command::truth::{ReferenceName, Truth};
-use crate::command::viewpoint::{Canvas, DEFAULT_LENS, DEFAULT_SIZE};
+use crate::command::viewpoint::{Canvas, DEFAULT_LENS};
 use crate::data::smoothing::SphKernel;
 use crate::data::up::Up;
 use crate::io::write_bytes_atomically;
@@ -170,21 +170,30 @@ impl Arguments {
     /// Returns the canvas of a picture without a legend.
     pub(super) fn canvas(&self) -> Canvas {
         Canvas {
-            along: self.default_axis(),
+            along: self
+                .default_axis()
+                .filter(|_| !self.projection.is_perspective()),
             filled_by: self.periodic_box().map(|periodic| periodic.corners()),
-            default_size: self.projection.default_size().unwrap_or(DEFAULT_SIZE),
             lens: match self.projection.is_ortho() {
                 true => Lens::OrthoHeight(None),
                 false => DEFAULT_LENS,
             },
             within: self.horizon(),
-            ..Canvas::of(self.size)
+            ..Canvas::of(self.wanted_size())
         }
+    }
+
+    /// Returns the size of the picture, if an option or its projection says it.
+    pub(super) fn wanted_size(&self) -> Option<[usize; 2]> {
+        self.size.or_else(|| self.projection.default_size())
     }
 
     /// Returns the canvas of a column density.
     fn column_canvas(&self) -> Canvas {
-        let lens = Lens::OrthoHeight(None);
+        let lens = match self.projection.is_perspective() {
+            true => DEFAULT_LENS,
+            false => Lens::OrthoHeight(None),
+        };
         Canvas {
             lens,
             ..self.canvas()

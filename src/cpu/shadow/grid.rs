@@ -7,6 +7,8 @@ use rayon::prelude::*;
 
 use super::lookup::{SHADOW_DIRECTIONS, SHADOW_TAPS};
 use super::occluder::{Occluder, REACH};
+use crate::error::Result;
+use crate::task::{Task, check};
 
 /// Rows of cells of a strip.
 const STRIP: usize = 8;
@@ -55,11 +57,14 @@ impl Grid {
 
     /// Turns the depths of layers into depths up to the layers' boundaries; for a light with a size into the
     /// logarithm of the mean transmittance over its directions.
-    pub(super) fn finish(&mut self, softness: f32) {
+    ///
+    /// # Errors
+    /// Work that was cancelled.
+    pub(super) fn finish(&mut self, softness: f32, task: Option<&Task>) -> Result<()> {
         let words = self.size[2] + 1;
         if softness > 0.0 {
-            self.depths = self.softened(softness);
-            return;
+            self.depths = self.softened(softness, task)?;
+            return Ok(());
         }
         self.depths.par_chunks_mut(words).for_each(|column| {
             let mut sum = 0.0;
@@ -68,18 +73,20 @@ impl Grid {
                 *depth = sum;
             }
         });
+        Ok(())
     }
 
     /// Returns the negative logarithms of mean transmittances over the light's directions.
     ///
     /// Along the direction of slope s, light reaches the cell x of layer k through the cells x + s (k - j) of the
     /// layers j before. With X = x + s k these are X - s j: sums along rays that all layers share.
-    fn softened(&self, softness: f32) -> Vec<f32> {
+    fn softened(&self, softness: f32, task: Option<&Task>) -> Result<Vec<f32>> {
         let [columns, rows, layers] = self.size;
         let words = layers + 1;
         let mut passed = vec![0.0_f32; self.depths.len()];
         let mut sums = Vec::new();
         for tap in SHADOW_TAPS {
+            check(task)?;
             let slope = Vec2::from(tap) * softness;
             let reach = slope * layers as f32;
             // Cells of X before the first and behind the last cell of x.
@@ -128,7 +135,7 @@ impl Grid {
             let mean = *passed * (1.0 / SHADOW_DIRECTIONS as f32);
             *passed = -mean.max(f32::MIN_POSITIVE).ln();
         });
-        passed
+        Ok(passed)
     }
 }
 

@@ -75,7 +75,8 @@ pub(crate) fn kernel_transmittance(
     ) / sigma;
     let per_cell = change / (2.0 * reach.max(0.5));
     let scale = away.length();
-    let lean = (per_cell * scale * sigma).min(GREATEST_LEAN);
+    // Behind an occluder a soft light comes back.
+    let lean = (per_cell * scale * sigma).clamp(0.0, GREATEST_LEAN);
     let seen = place + turned(shadow, toward) * lean;
     let mut sum = 0.0;
     for column in factor.columns() {

@@ -35,8 +35,10 @@ use occluder::{Axes, REACH, Run};
 
 /// Words of all grids together, without those of maps: 64 MiB.
 const MOST_WORDS: f64 = (1 << 24) as f64;
-/// The same for lights with a size, whose grids are sheared once for each direction.
+/// The same for lights with a size. Their grids are sheared once for each direction; the sheared ones have at most [`MOST_WORDS`].
 const MOST_SOFT_WORDS: f64 = (1 << 22) as f64;
+/// Greatest distance of a direction from the middle of a light with a size, in its standard deviations.
+const FARTHEST_TAP: f64 = 2.42;
 /// Greatest number of texels of a map along a side, for one light; maps of several lights have as many in all: 16 MiB.
 const MOST_TEXELS: f64 = 2048.0;
 /// Greatest number of cells along a side.
@@ -49,10 +51,10 @@ const TEXEL_SIGMAS: f64 = 1.0;
 /// Greatest number of additions to a grid or a map, which bounds its time. If kernels are much larger than
 /// the finest ones, cells are larger.
 const MOST_ADDITIONS: f64 = 5e8;
-/// Most blocks whose particles are held at a time.
+/// Most blocks whose particles are made at a time. Surfels of opaque surfaces are held all together, 52 bytes each.
 const MOST_BLOCKS: usize = 2048;
 
-/// What a scene's shadows are made of, besides the scene.
+/// Lights and rules by which the shadows of a scene are made.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct ShadowRequest<'a> {
     /// Unit vectors toward the lights, world.
@@ -143,7 +145,7 @@ fn light_grid(
         } else {
             MOST_WORDS
         };
-        let cells = Cells::new(extent, most / lights);
+        let cells = Cells::new(extent, most / lights, softness);
         light.cell = cells.side;
         light.corner = camera.eye + axes.transpose() * cells.corner.as_dvec3();
         corner = cells.corner;
@@ -161,7 +163,7 @@ fn light_grid(
                 grid.add(&run.kernels(&axes_of_cells));
             }
         }
-        grid.finish(light.shadow.softness);
+        grid.finish(light.shadow.softness, request.task)?;
         words.append(&mut grid.depths);
     }
     if let Some(extent) = &of_surfaces {
@@ -317,13 +319,20 @@ struct Cells {
 
 impl Cells {
     /// Chooses the side of cells: by the kernels, and so that there are at most `most` words.
-    fn new(extent: &Extent, most: f64) -> Self {
+    ///
+    /// - `softness`: tangent of the light's size.
+    fn new(extent: &Extent, most: f64, softness: f64) -> Self {
         let size = (extent.upper - extent.lower).as_dvec3();
         let longest = size.max_element().max(f64::MIN_POSITIVE);
         let side = (CELL_SIGMAS * extent.fine).max(longest / MOST_CELLS);
         let mut side = extent.affordable(side, 3);
         let count = |side: f64| (size / side).ceil().max(DVec3::new(2.0, 2.0, 1.0));
-        while (count(side) + DVec3::Z).element_product() > most {
+        let sheared = |side: f64| {
+            let cells = count(side);
+            let reach = FARTHEST_TAP * softness * cells.z;
+            (cells + DVec3::new(reach, reach, 1.0)).element_product()
+        };
+        while (count(side) + DVec3::Z).element_product() > most || sheared(side) > MOST_WORDS {
             side *= 1.02;
         }
         let cells = count(side);

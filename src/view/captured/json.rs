@@ -262,6 +262,10 @@ impl Lens {
             "EQUIRECTANGULAR",
         ];
         let model = self.camera_model.as_deref();
+        if self.is_fisheye == Some(true) && !self.is_fisheye() {
+            let expected = "is_fisheye as camera_model says";
+            return Err(fault(path, place(), expected, "true beside another lens"));
+        }
         if let Some(other) = model.filter(|model| !known.contains(model)) {
             let expected = "a pinhole camera, distorted or not, a fisheye or EQUIRECTANGULAR";
             return Err(fault(path, place(), expected, other));

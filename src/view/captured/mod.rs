@@ -534,7 +534,7 @@ mod tests {
             ("\"w\": 640", "\"w\": 640.5"),
             ("\"w\": 640", "\"w\": 1e300"),
             ("transform_matrix", "matrix"),
-            ("frames", "camera_model\": \"X\", \"frames"),
+            ("frames", "is_fisheye\": true, \"frames"),
         ] {
             assert!(good.contains(old), "{old}");
             std::fs::write(&json, good.replace(old, new)).unwrap();
