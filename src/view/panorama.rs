@@ -1,4 +1,4 @@
-//! Defines panoramas: pictures whose pixels look in directions that no plane of projection holds together.
+//! Defines panoramas: pictures that are too wide for a flat projection.
 
 use std::f64::consts::{FRAC_PI_4, PI};
 
@@ -38,8 +38,8 @@ pub enum Mapping {
     /// Longitudes across the picture, 360 degrees, and latitudes down, 180. The middle looks forward. Twice as wide as high, pixels in
     /// the middle are square.
     Equirectangular,
-    /// A circle that touches the nearer two sides of the picture. The middle looks forward, and pixels beyond the circle are
-    /// transparent.
+    /// A circle that touches the nearer two sides of the picture. The middle looks forward, and pixels beyond the circle
+    /// show the background.
     Fisheye {
         /// Distance from the middle as a function of the angle to the axis.
         rule: FisheyeRule,
