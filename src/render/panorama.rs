@@ -27,7 +27,7 @@ const MARGIN: f64 = 3.0;
 /// Greatest width and height of a part of a face in pixels.
 const MOST_SIDE: f64 = 4096.0;
 
-/// Least cosine of the angle across a pixel, of .05 radians, whose samples are looked at in parts.
+/// Least cosine of the angle between opposite samples of a small pixel: .05 radians.
 const FINE: f64 = 0.998_75;
 
 /// Greatest number of pixels of all faces for each pixel of the panorama. Square pixels have about five.
@@ -344,11 +344,13 @@ fn is_beside(panorama: &Panorama, part: &Part, pixel: usize) -> bool {
     /// Least cosine to the axis of a face, less what small pixels reach beyond a corner.
     const LEAST: f64 = 0.57 - 0.1;
     let pixel = [pixel % panorama.width, pixel / panorama.width];
-    let corner = |at| panorama.direction(pixel, DVec2::splat(at));
-    let (Some(first), Some(last)) = (corner(0.0), corner(1.0)) else {
+    // Two opposite samples: corners may meet on the other side of the sphere.
+    let sample = |at| panorama.direction(pixel, DVec2::splat(at));
+    let half = 0.5 / SAMPLES as f64;
+    let (Some(first), Some(last)) = (sample(half), sample(1.0 - half)) else {
         return false;
     };
-    let is_far = |corner: DVec3| corner.dot(part.face.axes()[2]) < LEAST;
+    let is_far = |sample: DVec3| sample.dot(part.face.axes()[2]) < LEAST;
     first.dot(last) > FINE && is_far(first) && is_far(last)
 }
 
