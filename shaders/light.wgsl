@@ -111,23 +111,10 @@ fn light(
         } else {
             var factor = camera_factor(rotation, block, particle.local);
             if HAS_PIECES {
-                let terms = classified[state.capacity + n];
-                let shift = terms.carried[0];
-                let width = terms.carried[1];
-                if width != 1.0 || shift != 0.0 {
-                    let own = vec3<f32>(bitcast<f32>(terms.view), bitcast<f32>(terms.local), terms.mass);
-                    let axis = piece_axis(rotation, own);
-                    let reach = vec3<f32>(
-                        dot3(factor.x, axis),
-                        dot3(factor.y, axis),
-                        dot3(factor.z, axis),
-                    );
-                    let change = width - 1.0;
-                    factor.x = factor.x + axis * (change * reach.x);
-                    factor.y = factor.y + axis * (change * reach.y);
-                    factor.z = factor.z + axis * (change * reach.z);
-                    at = at + reach * shift;
-                }
+                let terms = piece_terms(classified[state.capacity + n]);
+                let piece = piece_of(terms, rotation, factor);
+                factor = piece.factor;
+                at = at + piece.shift;
             }
             for (var i = 0u; i < lighting.count; i = i + 1u) {
                 passed[i] = kernel_transmittance(i, at, factor, to_eye);

@@ -47,13 +47,6 @@ override HAS_PIECES: bool = false;
 // Word of `counts` with the offset of these terms.
 override CAPACITY_INDEX: u32 = 0u;
 
-// Returns the terms of a classified particle.
-fn piece_terms(i: u32) -> PieceTerms {
-    let words = classified[counts[CAPACITY_INDEX] + i];
-    let axis = array<f32, 3>(bitcast<f32>(words.view), bitcast<f32>(words.local), words.mass);
-    return PieceTerms(axis, words.carried[0], words.carried[1], 0u);
-}
-
 @compute @workgroup_size(THREADS)
 fn project(
     @builtin(local_invocation_index) thread: u32,
@@ -73,18 +66,12 @@ fn project(
     var is_piece = false;
     var shift = vec3<f32>(0.0);
     if HAS_PIECES {
-        let terms = piece_terms(i);
-        is_piece = terms.width != 1.0 || terms.shift != 0.0;
-        if is_piece {
-            let axis = piece_axis(rotation, vector(terms.axis));
-            let along = vec3<f32>(dot3(factor.x, axis), dot3(factor.y, axis), dot3(factor.z, axis));
-            let change = terms.width - 1.0;
-            factor.x = factor.x + axis * (change * along.x);
-            factor.y = factor.y + axis * (change * along.y);
-            factor.z = factor.z + axis * (change * along.z);
-            shift = along * terms.shift;
-            offset = offset + shift;
-        }
+        let terms = piece_terms(classified[counts[CAPACITY_INDEX] + i]);
+        let piece = piece_of(terms, rotation, factor);
+        is_piece = piece.exists;
+        factor = piece.factor;
+        shift = piece.shift;
+        offset = offset + shift;
     }
     let crowding = crowding_of(block.block);
     let origin = vector(block.origin_camera);

@@ -41,3 +41,37 @@ fn columns(f: Factor) -> array<vec3<f32>, 3> {
         vec3<f32>(f.x.z, f.y.z, f.z.z),
     );
 }
+
+// Returns the terms of a piece that are stored as a particle.
+fn piece_terms(words: ClassifiedParticle) -> PieceTerms {
+    let axis = array<f32, 3>(bitcast<f32>(words.view), bitcast<f32>(words.local), words.mass);
+    return PieceTerms(axis, words.carried[0], words.carried[1], 0u);
+}
+
+// A kernel or a piece of one.
+struct Piece {
+    // False for a whole kernel.
+    exists: bool,
+    factor: Factor,
+    // Distance of its centre from the kernel's.
+    shift: vec3<f32>,
+}
+
+// Returns a piece of a kernel: narrower along an axis, and moved. Twin: `PieceTerms::applied`.
+//
+// - `factor`: the kernel's, camera space.
+fn piece_of(terms: PieceTerms, rotation: mat3x3<f32>, factor: Factor) -> Piece {
+    var piece = Piece(false, factor, vec3<f32>(0.0));
+    if terms.width == 1.0 && terms.shift == 0.0 {
+        return piece;
+    }
+    let axis = piece_axis(rotation, vector(terms.axis));
+    let along = vec3<f32>(dot3(factor.x, axis), dot3(factor.y, axis), dot3(factor.z, axis));
+    let change = terms.width - 1.0;
+    piece.exists = true;
+    piece.factor.x = factor.x + axis * (change * along.x);
+    piece.factor.y = factor.y + axis * (change * along.y);
+    piece.factor.z = factor.z + axis * (change * along.z);
+    piece.shift = along * terms.shift;
+    return piece;
+}

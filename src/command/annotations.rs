@@ -10,6 +10,7 @@ use crate::{Error, Image, Result};
 use clap::Args;
 
 use super::info_table::significant;
+use super::usage::first_given;
 use crate::load::Input;
 
 /// Placeholder for the time in a time stamp.
@@ -59,15 +60,13 @@ impl AnnotationOptions {
 
     /// Returns the first option that is given.
     fn first(&self) -> Option<&'static str> {
-        [
-            (self.axes, "--axes"),
-            (self.outline, "--outline"),
-            (self.scale_bar, "--scale-bar"),
-            (self.title.is_some(), "--title"),
-            (self.time_stamp.is_some(), "--time-stamp"),
-        ]
-        .into_iter()
-        .find_map(|(is_given, name)| is_given.then_some(name))
+        first_given([
+            ("--axes", self.axes),
+            ("--outline", self.outline),
+            ("--scale-bar", self.scale_bar),
+            ("--title", self.title.is_some()),
+            ("--time-stamp", self.time_stamp.is_some()),
+        ])
     }
 
     /// Refuses a time stamp if any time step has no time.

@@ -8,6 +8,14 @@ use crate::{Error, Result};
 
 use super::input::{BoundaryName, DataOptions, Shape};
 
+/// Returns the name of the first option that is given.
+pub(crate) fn first_given<const N: usize>(
+    options: [(&'static str, bool); N],
+) -> Option<&'static str> {
+    let mut options = options.into_iter();
+    options.find_map(|(name, is_given)| is_given.then_some(name))
+}
+
 /// Properties of the inputs that determine which options apply.
 pub(crate) struct Uses {
     pub(crate) kinds: Vec<Kind>,

@@ -15,6 +15,7 @@ use glam::{DQuat, DVec3};
 use super::parse;
 use super::parse::WindowBox;
 use super::progress::note;
+use super::usage::first_given;
 
 /// Default lens of a fitted camera.
 pub(crate) const DEFAULT_LENS: Lens = Lens::FovDeg(DEFAULT_FOV_DEG);
@@ -476,7 +477,7 @@ impl CameraOptions {
 
     /// Returns the name of an option that has no use for panoramas, if one is given.
     pub(crate) fn of_planes(&self) -> Option<&'static str> {
-        first_of([
+        first_given([
             ("--fov", self.fov.is_some()),
             ("--ortho", self.ortho.is_some()),
             ("--zoom", self.zoom.is_some()),
@@ -488,7 +489,7 @@ impl CameraOptions {
 
     /// Returns the name of an option that has no use for parallel rays, if one is given.
     pub(crate) fn of_perspective(&self) -> Option<&'static str> {
-        first_of([
+        first_given([
             ("--fov", self.fov.is_some()),
             ("--camera", self.camera.is_some()),
             (
@@ -500,7 +501,7 @@ impl CameraOptions {
 
     /// Returns the name of an option that asks for parallel rays, if one is given.
     pub(crate) fn of_parallel_rays(&self) -> Option<&'static str> {
-        first_of([
+        first_given([
             ("--ortho", self.ortho.is_some()),
             ("--along", self.along.is_some()),
             ("--window", self.window.is_some()),
@@ -514,7 +515,7 @@ impl CameraOptions {
 
     /// Returns the name of an option that says where to look, if one is given.
     pub(crate) fn of_direction(&self) -> Option<&'static str> {
-        first_of([
+        first_given([
             ("--target", self.target.is_some()),
             ("--up", self.up.is_some()),
             ("--azimuth", self.azimuth.is_some()),
@@ -538,12 +539,6 @@ impl CameraOptions {
             _ => fitted,
         }
     }
-}
-
-/// Returns the name of the first option that is given.
-fn first_of<const N: usize>(options: [(&'static str, bool); N]) -> Option<&'static str> {
-    let mut given = options.into_iter();
-    given.find_map(|(name, is_given)| is_given.then_some(name))
 }
 
 /// Returns the size of a picture of some shape, whose longer side has a number of pixels.

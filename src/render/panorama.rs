@@ -244,32 +244,29 @@ fn parts(panorama: &Panorama) -> Result<Vec<Part>> {
     let focal = SAMPLES as f64 / panorama.spacing();
     let is_met = |(_, bounds): &(Face, [DVec2; 2])| bounds[0].x <= bounds[1].x;
     let of_face = |(face, [low, high]): (Face, [DVec2; 2])| {
-        let number = |from: f64, to: f64| ((to - from) * focal / MOST_SIDE).ceil().max(1.0);
-        let counts = [number(low.x, high.x), number(low.y, high.y)];
-        let share = |i: usize, at: f64| low[i] + (high[i] - low[i]) * (at / counts[i]);
-        let mut parts = Vec::new();
-        let (mut x, mut y) = (0.0, 0.0);
-        while y < counts[1] {
-            let first = DVec2::new(share(0, x), share(1, y));
-            let mut last = DVec2::new(share(0, x + 1.0), share(1, y + 1.0));
-            let size = (last - first) * focal + 2.0 * MARGIN;
+        let size = high - low;
+        let [columns, rows] =
+            [size.x, size.y].map(|n| whole((n * focal / MOST_SIDE).ceil()).max(1));
+        let counts = DVec2::new(columns as f64, rows as f64);
+        let part = move |number: usize| {
+            let [x, y] = [number % columns, number / columns];
+            let at = DVec2::new(x as f64, y as f64);
+            let [first, mut last] = [at, at + 1.0].map(|at| low + size * (at / counts));
+            let pixels = (last - first) * focal + 2.0 * MARGIN;
             // The last sample belongs to the last part.
-            for (i, at) in [x, y].into_iter().enumerate() {
-                if at + 1.0 == counts[i] {
-                    last[i] = f64::INFINITY;
-                }
+            if x + 1 == columns {
+                last.x = f64::INFINITY;
             }
-            parts.push(Part {
+            if y + 1 == rows {
+                last.y = f64::INFINITY;
+            }
+            Part {
                 face,
                 slopes: [first, last],
-                camera: camera(panorama, face, focal, first, size),
-            });
-            x += 1.0;
-            if x == counts[0] {
-                (x, y) = (0.0, y + 1.0);
+                camera: camera(panorama, face, focal, first, pixels),
             }
-        }
-        parts
+        };
+        (0..columns * rows).map(part)
     };
     let met = Face::ALL.into_iter().zip(bounds).filter(is_met);
     let pixels = |(_, [low, high]): (Face, [DVec2; 2])| ((high - low) * focal).element_product();
@@ -290,11 +287,6 @@ fn parts(panorama: &Panorama) -> Result<Vec<Part>> {
 /// - `focal`: pixels per unit of slope.
 /// - `first`: slopes of its first sample.
 /// - `size`: pixels.
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "sizes of at most a few thousand pixels"
-)]
 fn camera(panorama: &Panorama, face: Face, focal: f64, first: DVec2, size: DVec2) -> Camera {
     let world_from_camera = panorama.camera_from_world.transpose();
     let axes = face.axes().map(|axis| world_from_camera * axis);
@@ -304,8 +296,8 @@ fn camera(panorama: &Panorama, face: Face, focal: f64, first: DVec2, size: DVec2
         camera_from_world: DMat3::from_cols(axes[0], axes[1], axes[2]).transpose(),
         focal_px: DVec2::splat(focal),
         centre_px: MARGIN - first * focal,
-        width: size.x.ceil() as usize + 1,
-        height: size.y.ceil() as usize + 1,
+        width: whole(size.x.ceil()) + 1,
+        height: whole(size.y.ceil()) + 1,
     }
 }
 
@@ -375,12 +367,12 @@ fn look_up<T: Send>(
     });
 }
 
-/// Returns a whole number from 0 up as an index.
+/// Returns a whole number from 0 up as an index or a count.
 #[inline]
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
-    reason = "coordinates within a picture"
+    reason = "coordinates within pictures, and their sizes"
 )]
 fn whole(at: f64) -> usize {
     at as usize

@@ -4,7 +4,7 @@ use super::renderer::Renderer;
 use crate::error::{Error, Result};
 use crate::frame::check::check_size;
 use crate::frame::settings::Settings;
-use crate::image::{DepthImage, Image, NormalImage};
+use crate::image::Image;
 use crate::stats::Stopwatch;
 use crate::view::{Camera, Projection};
 
@@ -59,40 +59,22 @@ impl Renderer {
             ..camera.clone()
         });
         self.render(&left, settings)?;
-        let mut above = std::mem::take(&mut self.images);
+        let mut both = std::mem::take(&mut self.images);
         let mut report = self.report;
         self.render(&right, settings)?;
         report.add_part(&self.report);
-        let below = &mut self.images;
-        let (width, height) = (camera.width, 2 * camera.height);
-        above.image.pixels.append(&mut below.image.pixels);
-        below.image = Image {
-            width,
-            height,
-            pixels: above.image.pixels,
-        };
-        below.depth = above
-            .depth
-            .zip(below.depth.take())
-            .map(|(mut above, below)| {
-                above.depths.extend(below.depths);
-                DepthImage {
-                    width,
-                    height,
-                    depths: above.depths,
-                }
-            });
-        below.normals = above
-            .normals
-            .zip(below.normals.take())
-            .map(|(mut above, below)| {
-                above.normals.extend(below.normals);
-                NormalImage {
-                    width,
-                    height,
-                    normals: above.normals,
-                }
-            });
+        let below = std::mem::take(&mut self.images);
+        both.image.pixels.extend(below.image.pixels);
+        both.image.height *= 2;
+        if let (Some(both), Some(below)) = (&mut both.depth, below.depth) {
+            both.depths.extend(below.depths);
+            both.height *= 2;
+        }
+        if let (Some(both), Some(below)) = (&mut both.normals, below.normals) {
+            both.normals.extend(below.normals);
+            both.height *= 2;
+        }
+        self.images = both;
         report.times.frame = whole.lap();
         self.report = report;
         Ok(&self.images.image)

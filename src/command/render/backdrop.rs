@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use crate::command::parse;
+use crate::command::usage::first_given;
 use crate::io::{read_depth, read_image};
 use crate::render::{DepthKind, GivenBackdrop};
 use crate::{Error, Result};
@@ -44,8 +45,10 @@ enum DepthName {
 impl BackdropOptions {
     /// Returns the name of an option, if one is given.
     pub(super) fn first(&self) -> Option<&'static str> {
-        let depth = self.depth_in.as_ref().map(|_| "--depth-in");
-        depth.or_else(|| self.background_image.as_ref().map(|_| "--background-image"))
+        first_given([
+            ("--depth-in", self.depth_in.is_some()),
+            ("--background-image", self.background_image.is_some()),
+        ])
     }
 
     /// Reads the files. Returns the size of a picture with this backdrop, if there is one.

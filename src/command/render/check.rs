@@ -9,7 +9,9 @@ use crate::command::animation::Animation;
 use crate::command::cut::add_faces;
 use crate::command::outputs::{check_collisions, paths};
 use crate::command::statistics::is_standard_output;
-use crate::command::usage::{CLASSIFIED, is_filtered, is_surface, refuse_beside, refuse_unused};
+use crate::command::usage::{
+    CLASSIFIED, first_given, is_filtered, is_surface, refuse_beside, refuse_unused,
+};
 use crate::command::{animation, ranks};
 use crate::io::{check_deep_path, check_depth_path, check_folder, check_image_path, is_fits};
 use crate::load::Loaded;
@@ -146,7 +148,7 @@ impl Arguments {
             };
         }
         let (method, output) = (&self.method, &self.output);
-        let of_planes = [
+        let of_planes = first_given([
             ("--reference", method.reference.is_some()),
             ("--measure-error", method.measure_error),
             ("--calibrate", method.calibrate),
@@ -157,10 +159,7 @@ impl Arguments {
             ("--show count", matches!(output.show, ShowName::Count)),
             ("--mpi", self.mpi),
             ("--stereo", self.projection.stereo().is_some()),
-        ];
-        let of_planes = of_planes
-            .into_iter()
-            .find_map(|(name, is_given)| is_given.then_some(name));
+        ]);
         let of_planes = of_planes
             .or_else(|| self.backdrop.first())
             .or_else(|| self.camera.of_planes())
@@ -178,7 +177,7 @@ impl Arguments {
         if !self.projection.is_sky() {
             return Ok(());
         }
-        let of_sky = [
+        let of_sky = first_given([
             ("--size", self.size.is_some()),
             (
                 "--turntable, --camera-path or --series",
@@ -186,10 +185,7 @@ impl Arguments {
             ),
             ("--legend", self.legend.legend),
             ("--title or --time-stamp", !self.annotations.is_empty()),
-        ];
-        let of_sky = of_sky
-            .into_iter()
-            .find_map(|(name, is_given)| is_given.then_some(name));
+        ]);
         match self.camera.of_direction().or(of_sky) {
             Some(option) => {
                 let found = "healpix, a map in the data's axes, as large as --nside says";

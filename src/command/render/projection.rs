@@ -94,12 +94,6 @@ impl ProjectionOptions {
         self.stereo
     }
 
-    /// Returns the size of the whole picture that a camera takes.
-    pub(super) fn whole_size(&self, camera: &Camera) -> [usize; 2] {
-        let rows = if self.stereo.is_some() { 2 } else { 1 };
-        [camera.width, rows * camera.height]
-    }
-
     /// Returns true if the picture is to be that of a file's lens.
     pub(super) fn is_lens(&self) -> bool {
         self.projection == Some(ProjectionName::Lens)

@@ -159,7 +159,7 @@ impl Arguments {
 
     /// Opens the output for the pictures of the cameras.
     pub(in crate::command) fn animation(&self, cameras: &[Camera]) -> Result<Animation> {
-        let size = self.projection.whole_size(&cameras[0]);
+        let size = self.whole_size(&cameras[0]);
         Animation::new(&self.out, size, cameras.len(), self.sequence.rate())
     }
 }

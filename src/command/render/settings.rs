@@ -249,6 +249,19 @@ impl Arguments {
         self.projection.panorama(camera, self.camera.named())
     }
 
+    /// Returns the size of the whole picture that is drawn from a camera.
+    pub(super) fn whole_size(&self, camera: &Camera) -> [usize; 2] {
+        let eyes = if self.projection.stereo().is_some() {
+            2
+        } else {
+            1
+        };
+        match self.panorama(camera) {
+            Some(panorama) => [panorama.width, panorama.height],
+            None => [camera.width, eyes * camera.height],
+        }
+    }
+
     /// Returns the horizon of a panorama.
     pub(super) fn horizon(&self) -> Option<Horizon> {
         let is_panorama = self.projection.is_panorama(self.camera.named());

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::ending::{Ending, Facts, Recorded};
 use super::options::Arguments;
-use super::tiles::Drawn;
+use super::tiles::{Comparison, Drawn};
 use crate::image::Image;
 use crate::io::{
     carries_record, is_fits, shown_count, write_column_with, write_image_with, write_sky,
@@ -61,24 +61,17 @@ impl Arguments {
         camera: &Camera,
         settings: &Settings,
     ) -> Result<&'a Image> {
+        let comparison = self.ending.comparison();
+        if let Some(comparison) = comparison {
+            comparison.check_size(self.whole_size(camera))?;
+        }
         if let Some(panorama) = self.panorama(camera) {
-            if let Some(comparison) = self.ending.comparison() {
-                comparison.check_size([panorama.width, panorama.height])?;
-            }
             return renderer.render_panorama(&panorama, settings);
         }
-        let stereo = self.projection.stereo();
-        let Some(comparison) = self.ending.comparison() else {
-            return match stereo {
-                Some(distance) => renderer.render_stereo(camera, settings, distance),
-                None => renderer.render(camera, settings),
-            };
-        };
-        comparison.check_size(self.projection.whole_size(camera))?;
-        if let Some(distance) = stereo {
+        if let Some(distance) = self.projection.stereo() {
             return renderer.render_stereo(camera, settings, distance);
         }
-        match comparison.tiles() {
+        match comparison.and_then(Comparison::tiles) {
             // Colours of counts follow from the greatest of the whole picture.
             Some(tiles) if settings.show != Show::Count => {
                 renderer.render_tiles(camera, settings, tiles)
