@@ -105,6 +105,7 @@ fn project(
         if RULE == RULE_TRANSLUCENT {
             kernel.mass = kernel.mass * facing(view, kernel);
         }
+        view.low_pass_variance_px2 = view.low_pass_variance_px2 + defocus(view, kernel);
         out = footprint(
             view,
             filter_kind,
@@ -226,13 +227,15 @@ fn splat_footprint(
     }
     let depth = peak.image.tau * peak.image.enlargement * meeting(crowding);
     let radius = cutoff_radius(depth, 1.0, view.tolerance, view.cutoff);
-    let r = peak_reach(SPLAT_RULE, peak.image.tau, radius);
+    // The limits of a rule hold for splats in focus.
+    let rule = select(SPLAT_RULE, SPLAT_EXACT, view.aperture > 0.0);
+    let r = peak_reach(rule, peak.image.tau, radius);
     if r < 0.0 {
         return out;
     }
     affine_part(&out, peak.screen, peak.image, r);
     out.tau = peak.image.tau;
-    out.path = select(PATH_PEAK, PATH_CAPPED, SPLAT_RULE == SPLAT_INRIA || SPLAT_RULE == SPLAT_MIP);
+    out.path = select(PATH_PEAK, PATH_CAPPED, rule == SPLAT_INRIA || rule == SPLAT_MIP);
     let half_size = vec2<f32>(sqrt(peak.image.a), sqrt(peak.image.c)) * r;
     set_bounds(view, &out, peak.screen.centre_px, half_size);
     return out;

@@ -22,7 +22,9 @@ struct ViewUniform {
     clip_count: u32,
     sub_pixel_opacity: u32,
     least_length: f32,
-    unused: vec3<u32>,
+    aperture: f32,
+    per_focus: f32,
+    unused: u32,
     smoothing: u32,
     clip_planes: array<vec4<f32>, MAX_CLIP_PLANES>,
 }

@@ -41,6 +41,13 @@ fn peak_footprint(view: ViewUniform, kernel: Kernel, rule: u32) -> PeakFootprint
         let determinant = dot3(minor, minor);
         image.tau = image.tau * sqrt(determinant / image.determinant);
     }
+    let blur = defocus(view, kernel);
+    if blur > 0.0 {
+        // Opacity times area stays.
+        let sharp = image;
+        image = filtered(screen, FILTER_EWA, h2 + blur);
+        image.tau = sharp.tau * sqrt(sharp.determinant / image.determinant);
+    }
     // A footprint whose squared lengths overflow f32 has no form.
     let is_shape = is_finite(image.a + image.c);
     out.exists = is_shape && is_above(image.tau, 0.0) && is_finite(image.tau);

@@ -25,6 +25,8 @@ pub struct Frustum {
     planes: Vec<(DVec3, f64)>,
     /// Reach of the low-pass filter beyond the image.
     margin_px: f64,
+    /// Distance by which the sides are moved out, world units.
+    margin: f64,
 }
 
 /// Indices of the planes through the image's sides.
@@ -49,7 +51,17 @@ impl Frustum {
                 (DVec3::Z, 0.0),
             ],
             margin_px,
+            margin: 0.0,
         }
+    }
+
+    /// Moves the sides out by a distance, world units.
+    pub(crate) fn widened(mut self, margin: f64) -> Self {
+        self.margin += margin;
+        for (_, distance) in &mut self.planes[SIDES] {
+            *distance += margin;
+        }
+        self
     }
 
     /// Returns the frustum of a part of the image's pixels.
@@ -61,7 +73,7 @@ impl Frustum {
             ..camera.clone()
         };
         let mut cut = self.clone();
-        let sides = Self::new(&part, self.margin_px).planes;
+        let sides = Self::new(&part, self.margin_px).widened(self.margin).planes;
         cut.planes[SIDES].copy_from_slice(&sides[SIDES]);
         cut
     }
@@ -103,7 +115,7 @@ impl Frustum {
     ) -> Option<[[f64; 2]; 2]> {
         let deviations = if is_spread { PIECE_REACH } else { MAX_CUTOFF };
         let reach = f64::from(block.max_sigma) * f64::from(deviations);
-        let half = block.half_extent.as_dvec3() + reach;
+        let half = block.half_extent.as_dvec3() + (reach + self.margin);
         let mut low = DVec2::INFINITY;
         let mut high = DVec2::NEG_INFINITY;
         for corner in 0..8 {

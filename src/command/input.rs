@@ -544,6 +544,7 @@ impl DataOptions {
             surface: self.is_boundary_alone().then_some(1.0),
             refinement: None,
             periodic: None,
+            motion: None,
             task: None,
         }
     }

@@ -56,6 +56,16 @@ impl SequenceOptions {
         self.camera_path.is_some()
     }
 
+    /// Returns true if the pictures have cameras of their own.
+    pub(crate) fn moves_camera(&self) -> bool {
+        self.turntable.is_some() || self.camera_path.is_some()
+    }
+
+    /// Returns true if the first picture follows the last.
+    pub(crate) fn is_closed(&self) -> bool {
+        self.turntable.is_some()
+    }
+
     pub(crate) fn is_series(&self) -> bool {
         self.series
     }

@@ -23,7 +23,7 @@ use crate::{Backend, Error, Renderer, Result, Settings, Task};
 const PROGRAM: &str = "ewa-splat-view";
 
 /// Identifiers of the options of `render` that write files, or that the window does not have.
-const OF_FILES: [&str; 31] = [
+const OF_FILES: [&str; 36] = [
     "out",
     "stats",
     "depth",
@@ -55,6 +55,11 @@ const OF_FILES: [&str; 31] = [
     "fisheye",
     "nside",
     "stereo",
+    "aperture",
+    "focus",
+    "shutter",
+    "velocity",
+    "exposures",
 ];
 
 #[derive(Args)]

@@ -145,6 +145,11 @@ enum Fit {
 }
 
 impl CameraOptions {
+    /// Returns the point that was named as the middle of the picture.
+    pub(crate) fn target(&self) -> Option<DVec3> {
+        self.target
+    }
+
     /// Returns the boxes that a camera is fitted to.
     pub(crate) fn boxes(&self, renderer: &Renderer) -> Vec<Bounds> {
         match self.fit {

@@ -20,3 +20,4 @@ pub(crate) mod spz_records;
 mod temperature;
 pub(crate) mod unit;
 pub(crate) mod up;
+pub(crate) mod vectors;

@@ -2,10 +2,9 @@
 
 use glam::DVec3;
 
-use crate::data::association::Association;
-use crate::data::dataset::{CurvilinearBlock, Dataset, Field, FieldSource, Geometry};
+use crate::data::dataset::{CurvilinearBlock, Dataset, Field, Geometry};
+use crate::data::vectors::{is_vector, place, vectors};
 use crate::error::{Error, Result};
-use crate::scene::Values;
 
 /// A field by which points are moved.
 #[derive(Debug, Clone, PartialEq)]
@@ -15,6 +14,9 @@ pub struct Displacement {
     /// Factor of the vectors; 1 draws the deformed shape to scale.
     pub factor: f64,
 }
+
+/// Use of the vectors, in errors.
+const WHAT: &str = "displacement";
 
 /// Start of the names of displacements, in lower case, as ParaView finds them in Exodus files.
 const NAME: &str = "disp";
@@ -40,7 +42,7 @@ pub fn displace(mut dataset: Dataset, by: &Displacement) -> Result<Dataset> {
         ));
     }
     dataset.validate()?;
-    let vectors = vectors(&dataset, &by.field)?;
+    let vectors = vectors(&dataset, WHAT, &by.field)?;
     let mut still = 0;
     let mut at = vectors.iter();
     let mut moved = |positions: &mut [DVec3]| {
@@ -94,7 +96,7 @@ pub fn displace(mut dataset: Dataset, by: &Displacement) -> Result<Dataset> {
         let advice = "leave the displacement out";
         return Err(Error::format(
             &dataset.path,
-            place(&by.field),
+            place(WHAT, &by.field),
             expected,
             found,
             advice,
@@ -119,61 +121,5 @@ pub(crate) fn note_displacement(dataset: &Dataset) -> Option<String> {
         "The points are where they were before their displacement `{}`, which ParaView applies to Exodus files by \
          itself: move them by it to see the deformed shape.",
         field.name
-    ))
-}
-
-fn place(name: &str) -> String {
-    format!(
-        "displacement `{}`",
-        name.chars().take(60).collect::<String>()
-    )
-}
-
-fn is_vector(field: &Field) -> bool {
-    field.association == Association::Nodes && matches!(field.arrays().len(), 2 | 3)
-}
-
-/// Returns the vectors of the field of this name, ignoring case.
-fn vectors(dataset: &Dataset, name: &str) -> Result<Vec<DVec3>> {
-    let name = name.strip_suffix("@nodes").unwrap_or(name);
-    let is_named = |field: &&Field| field.name.eq_ignore_ascii_case(name);
-    let named = || dataset.fields.iter().filter(is_named);
-    if let Some(field) = named().find(|field| is_vector(field)) {
-        let at = |values: Option<&Values>, i: usize| values.map_or(0.0, |values| values.wide(i));
-        let [x, y, z] = [0, 1, 2].map(|axis| field.arrays().get(axis));
-        let count = x.map_or(0, Values::len);
-        return Ok((0..count)
-            .map(|i| DVec3::new(at(x, i), at(y, i), at(z, i)))
-            .collect());
-    }
-    let found = match named().next() {
-        None => "no field of that name".to_owned(),
-        Some(field) if field.association == Association::Cells => "a field of cells".to_owned(),
-        Some(Field {
-            source: FieldSource::Vector(all),
-            ..
-        }) => format!("{} components", all.len()),
-        Some(_) => "a scalar".to_owned(),
-    };
-    let names: Vec<&str> = dataset
-        .fields
-        .iter()
-        .filter(|f| is_vector(f))
-        .map(|f| f.name.as_str())
-        .collect();
-    let expected = match names.is_empty() {
-        true => "a vector field at points, of which there is none".to_owned(),
-        false => format!("a vector field at points: one of {}", names.join(", ")),
-    };
-    let advice = match names.is_empty() {
-        true => "leave the displacement out",
-        false => "name one of these",
-    };
-    Err(Error::format(
-        &dataset.path,
-        place(name),
-        expected,
-        found,
-        advice,
     ))
 }

@@ -120,6 +120,9 @@ pub(crate) fn check(camera: &Camera, settings: &Settings) -> Result<()> {
             r.to_string(),
         );
     }
+    if let Some(aperture) = &settings.aperture {
+        aperture.validate(camera)?;
+    }
     check_pairs(settings)
 }
 
@@ -144,6 +147,15 @@ fn check_pairs(settings: &Settings) -> Result<()> {
             "thresholds",
             "the filter adaptive, which chooses by them",
             settings.filter.name(),
+            "leave out one of the two",
+        ));
+    }
+    if settings.advanced.thresholds.is_some() && settings.aperture.is_some() {
+        return Err(Error::invalid(
+            "settings",
+            "thresholds",
+            "one low-pass filter for all kernels",
+            "an aperture, which gives each its own",
             "leave out one of the two",
         ));
     }

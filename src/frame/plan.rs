@@ -8,7 +8,9 @@ use std::sync::Arc;
 use super::backdrop::RayEnds;
 use super::settings::{Blend, ColumnSettings, Composite, Order, Settings, Show};
 use super::shadows::ShadowGrids;
-use super::uniforms::{choice_uniform, cull_planes, frustum, lighting_uniform, view_uniform};
+use super::uniforms::{
+    Reach, choice_uniform, cull_planes, frustum, lighting_uniform, view_uniform,
+};
 use crate::blocks::{
     Block, BlockedScene, BlockedVolume, Frustum, LayerKind, Layers, distance_interval,
 };
@@ -217,9 +219,10 @@ impl FramePlan {
         } else {
             settings.low_pass_variance_px2
         };
-        let planes = cull_planes(camera, &settings.clip, low_pass);
+        let reach = Reach::new(camera, low_pass, settings.aperture.as_ref());
+        let planes = cull_planes(camera, &settings.clip, reach);
         Ok(Self {
-            frustum: frustum(camera, low_pass).clipped(planes),
+            frustum: frustum(camera, reach).clipped(planes),
             culls: settings.filter != Filter::UniformScaling,
             choice: ChoiceUniform {
                 classified_by: classified_by(scene, settings) as u32,
@@ -255,9 +258,9 @@ impl FramePlan {
             .filter(|_| settings.cutoff >= COLUMN_CUTOFF);
         let smoothing = smoothing.map_or(0, |kernel| 1 + kernel as u32);
         let settings = settings.shared();
-        let low_pass = settings.low_pass_variance_px2;
-        let planes = cull_planes(camera, &settings.clip, low_pass);
-        let frustum = frustum(camera, low_pass).clipped(planes);
+        let reach = Reach::new(camera, settings.low_pass_variance_px2, None);
+        let planes = cull_planes(camera, &settings.clip, reach);
+        let frustum = frustum(camera, reach).clipped(planes);
         let culls = settings.filter != Filter::UniformScaling;
         // Sums have no order.
         let keys = KeyKind::Distance;

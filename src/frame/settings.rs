@@ -11,7 +11,7 @@ use crate::scene::{Classification, Lighting};
 use crate::simd::SimdLevel;
 use crate::splat::{Filter, PIXEL_VARIANCE_PX2, is_of_pixels};
 use crate::task::Task;
-use crate::view::ClipPlane;
+use crate::view::{Aperture, ClipPlane};
 
 /// Settings of a frame.
 #[derive(Debug, Clone, PartialEq)]
@@ -50,6 +50,8 @@ pub struct Settings {
     pub normals: bool,
     /// Light on surfels and on volumes that have normals; `None` shows colours as they are.
     pub lighting: Option<Lighting>,
+    /// The opening of the lens; `None` has all depths in focus.
+    pub aperture: Option<Aperture>,
     /// Settings that few pictures need.
     pub advanced: Advanced,
     /// Receives the progress of the frame, and may cancel it.
@@ -129,6 +131,7 @@ impl Default for Settings {
             depth: false,
             normals: false,
             lighting: None,
+            aperture: None,
             advanced: Advanced::default(),
             task: None,
         }

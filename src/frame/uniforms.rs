@@ -7,12 +7,40 @@ use crate::blocks::{Frustum, Layers};
 use crate::constants::{MAX_CLIP_PLANES, MAX_CUTOFF};
 use crate::record::{ChoiceUniform, ClassifiedBy, KeyKind, LightingUniform, ViewUniform};
 use crate::splat::Filter;
-use crate::view::{Camera, ClipPlane, Projection};
+use crate::view::{Aperture, Camera, ClipPlane, Projection};
 
-/// Returns the frustum, widened by the reach of the low-pass filter.
-pub(crate) fn frustum(camera: &Camera, low_pass_variance_px2: f32) -> Frustum {
-    let margin = f64::from(MAX_CUTOFF) * f64::from(low_pass_variance_px2).sqrt();
-    Frustum::new(camera, margin)
+/// Greatest distance by which filters move a kernel's end.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Reach {
+    /// In the image, pixels.
+    px: f64,
+    /// Across the view, world units.
+    world: f64,
+}
+
+impl Reach {
+    /// Returns the reach of a low-pass filter, and of an opening of the lens. The disc of a point at depth z is
+    /// f |1/focus - 1/z| times the opening's in pixels: less than the sum of f/focus and of the opening itself, at z.
+    pub(crate) fn new(
+        camera: &Camera,
+        low_pass_variance_px2: f32,
+        aperture: Option<&Aperture>,
+    ) -> Self {
+        let cutoff = f64::from(MAX_CUTOFF);
+        let (opening, far_px) = aperture.map_or((0.0, 0.0), |own| {
+            let opening = own.deviation();
+            (opening, camera.focal_px.max_element() * opening / own.focus)
+        });
+        Self {
+            px: cutoff * f64::from(low_pass_variance_px2).sqrt().hypot(far_px),
+            world: cutoff * opening,
+        }
+    }
+}
+
+/// Returns the frustum, widened by the reach of filters.
+pub(crate) fn frustum(camera: &Camera, reach: Reach) -> Frustum {
+    Frustum::new(camera, reach.px).widened(reach.world)
 }
 
 /// Returns the planes in camera space, with unit normals; inside is n . u + d >= 0. `check` has validated
@@ -29,17 +57,17 @@ fn clip_planes(camera: &Camera, planes: &[ClipPlane]) -> impl Iterator<Item = (D
         })
 }
 
-/// Returns the clip planes moved out by the reach of the low-pass filter, which spreads kernels beyond
-/// the planes. Blocks are culled by these planes.
+/// Returns the clip planes moved out by the reach of filters, which spread kernels beyond the planes. Blocks are culled by
+/// these planes.
 pub(crate) fn cull_planes(
     camera: &Camera,
     planes: &[ClipPlane],
-    low_pass_variance_px2: f32,
+    Reach { px, world }: Reach,
 ) -> impl Iterator<Item = (DVec3, f64)> {
-    let reach_px = f64::from(MAX_CUTOFF) * f64::from(low_pass_variance_px2).sqrt();
     // World units; under perspective at a depth of 1.
-    let reach = reach_px / camera.focal_px.min_element();
-    clip_planes(camera, planes).map(move |(normal, distance)| match camera.projection {
+    let reach = px / camera.focal_px.min_element();
+    let planes = clip_planes(camera, planes).map(move |(n, distance)| (n, distance + world));
+    planes.map(move |(normal, distance)| match camera.projection {
         Projection::Orthographic => (normal, distance + reach),
         Projection::Perspective => {
             let wider = normal + DVec3::Z * reach;
@@ -88,7 +116,9 @@ pub(crate) fn view_uniform(
         // The plan sets it for maxima.
         least_length: 0.0,
         smoothing: 0,
-        unused: [0; 3],
+        aperture: settings.aperture.map_or(0.0, |own| own.deviation()) as f32,
+        per_focus: settings.aperture.map_or(0.0, |own| own.focus.recip()) as f32,
+        unused: 0,
         clip_planes: planes,
     }
 }
@@ -118,7 +148,11 @@ pub(crate) fn choice_uniform(camera: &Camera, settings: &Settings) -> ChoiceUnif
         orthographic: u32::from(camera.projection == Projection::Orthographic),
         filter_kind: settings.filter as u32,
         low_pass_variance_px2: settings.low_pass_variance_px2,
-        tolerance: settings.tolerance,
+        // A low-pass filter that differs from kernel to kernel lets no block choose for all of its kernels.
+        tolerance: match settings.aperture {
+            Some(_) => 0.0,
+            None => settings.tolerance,
+        },
         merge_tolerance: if settings.draws_merged() {
             settings.tolerance * settings.advanced.merge_slack
         } else {

@@ -22,6 +22,7 @@ use crate::splat::Filter;
 pub(super) const SHADERS: [Shader; 4] = shaders_of_particles!(
     "project",
     include_str!("../../shaders/shared/footprint.wgsl"),
+    include_str!("../../shaders/shared/defocus.wgsl"),
     include_str!("../../shaders/shared/sub_pixel.wgsl"),
     include_str!("../../shaders/shared/exact.wgsl"),
     include_str!("../../shaders/shared/bounds.wgsl"),

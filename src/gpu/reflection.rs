@@ -298,6 +298,8 @@ fn structs_are_laid_out_alike() {
         clip_count,
         sub_pixel_opacity,
         least_length,
+        aperture,
+        per_focus,
         unused,
         smoothing,
         clip_planes,

@@ -62,8 +62,12 @@ pub struct ViewUniform {
     /// For maxima: least length of a ray in a slab for the slab's mean value to count. Given as optical
     /// depth of the extinction that particles carry.
     pub least_length: f32,
+    /// Standard deviation of the opening of the lens along an axis, world units; 0 for a point.
+    pub aperture: f32,
+    /// One over the depth that is in focus, per world unit.
+    pub per_focus: f32,
     /// Padding to four words.
-    pub unused: [u32; 3],
+    pub unused: u32,
     /// For column sums: 0 for Gaussians, otherwise 1 + the index of the [`SphKernel`](crate::data::smoothing::SphKernel) by which
     /// affine footprints are drawn.
     pub smoothing: u32,

@@ -97,6 +97,8 @@ impl Renderer {
         };
         let mut key = settings.clone();
         (key.task, key.background, key.backdrop) = (None, None, None);
+        // What is out of focus needs fewer samples.
+        key.aperture = None;
         if let Some(lighting) = &mut key.lighting {
             // Errors are measured without shadows, which are as smooth as the finest lattice's or smoother.
             lighting.shadows = None;

@@ -25,6 +25,7 @@ mod column_mean;
 mod deep;
 #[cfg(feature = "gpu")]
 mod device;
+mod exposure;
 mod levels;
 mod options;
 mod panorama;

@@ -79,6 +79,9 @@ impl Renderer {
         if settings.backdrop.is_some() {
             return refuse("nothing in the picture yet", "a backdrop");
         }
+        if settings.aperture.is_some() {
+            return refuse("all depths in focus", "an aperture");
+        }
         if settings.show == Show::Count {
             return refuse("the scene", "counts");
         }

@@ -393,11 +393,28 @@ impl Renderer {
         settings: &Settings,
         tiles: Option<&[bool]>,
     ) -> Result<&Image> {
+        match &settings.aperture {
+            Some(aperture) => {
+                aperture.validate(camera)?;
+                self.expose(&vec![camera.clone(); aperture.pictures], settings, tiles)?;
+            }
+            None => self.render_sharp(camera, settings, tiles)?,
+        }
+        Ok(&self.images.image)
+    }
+
+    /// Draws tiles of a frame by one picture, with the discs of an aperture's part.
+    pub(super) fn render_sharp(
+        &mut self,
+        camera: &Camera,
+        settings: &Settings,
+        tiles: Option<&[bool]>,
+    ) -> Result<()> {
         let level = self.chosen(camera, settings)?;
         self.at_level(level)
             .render_samples(camera, settings, tiles)?;
         self.take_from(level);
-        Ok(&self.images.image)
+        Ok(())
     }
 
     /// Draws a frame of this renderer's own samples.

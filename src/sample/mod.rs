@@ -106,6 +106,7 @@ use mesh::{MeshOptions, SampledMesh};
 #[cfg(feature = "prepared")]
 pub(crate) use points::OfRows;
 pub use points::periodic::PeriodicBox;
+pub use points::streaks::Motion;
 pub(crate) use points::{
     FITTED_NEIGHBOURS, Fitted, Neighbourhoods, PartitionedRows, Surrounded, fit_partition,
     function_of_all, sample_partition, scalars, without_spacing,
@@ -175,7 +176,7 @@ pub fn surface_report(dataset: &Dataset, options: &SampleOptions) -> Result<Samp
 /// # Errors
 /// The errors of [`mesh::surfels`] and of [`volume`].
 pub fn scene(dataset: Dataset, options: &SampleOptions) -> Result<SampledScene> {
-    check_periodic(&dataset, options)?;
+    check_points(&dataset, options)?;
     let dataset = as_surface(dataset, options)?;
     let Geometry::Mesh(mesh) = &dataset.geometry else {
         let path = dataset.path.clone();
@@ -261,7 +262,7 @@ fn named(error: Error, file: &Path) -> Error {
 /// that cannot be read; work that was cancelled.
 pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
     check_options(options)?;
-    check_periodic(&dataset, options)?;
+    check_points(&dataset, options)?;
     dataset.validate()?;
     // Sampling consumes the data set: keep the units until the shown field is known.
     let asked = options.field.as_ref();
@@ -277,15 +278,17 @@ pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
         _ => (dataset, 0),
     };
     let dataset = lattice::without_hidden(dataset, options)?;
-    let mut groups = None;
+    let (mut groups, mut ways) = (None, Vec::new());
     let mut sampled = match &dataset.geometry {
         Geometry::Lattice(_) => lattice::volume(dataset, options),
         Geometry::Curvilinear { .. } => curvilinear::volume(dataset, options),
         Geometry::Cells(_) => cells::volume(dataset, options),
-        Geometry::Points { .. } => points::volume(dataset, options).map(|(sampled, own)| {
-            groups = own;
-            sampled
-        }),
+        Geometry::Points { .. } => {
+            points::volume(dataset, options).map(|(sampled, own, own_ways)| {
+                (groups, ways) = (own, own_ways);
+                sampled
+            })
+        }
         Geometry::Splats(_) => splats::volume(dataset, options),
         Geometry::Mesh(_) => Err(Error::format(
             &dataset.path,
@@ -310,14 +313,33 @@ pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
         self::field::gradient::complete(&mut sampled.volume, &mut groups, options.task.as_ref())?;
     }
     self::field::local_models::complete(&mut sampled.volume, groups, options)?;
+    if options.motion.is_some() {
+        self::points::streaks::draw_out(&mut sampled, &ways)?;
+    }
     if let Some(periodic) = &options.periodic {
         self::points::periodic::add_images(&mut sampled, periodic)?;
     }
     Ok(sampled)
 }
 
-/// Refuses a periodic box that has no volume, or of other data than particles.
-fn check_periodic(dataset: &Dataset, options: &SampleOptions) -> Result<()> {
+/// Refuses a periodic box that has no volume, and a box or a motion of other data than particles.
+fn check_points(dataset: &Dataset, options: &SampleOptions) -> Result<()> {
+    if let Some(motion) = &options.motion {
+        let refuse = |place: &'static str, expected: &str, found: &str| {
+            let advice = "leave the shutter out";
+            Err(Error::format(&dataset.path, place, expected, found, advice))
+        };
+        if !matches!(dataset.geometry, Geometry::Points { .. }) {
+            return refuse("velocity", "particles, which move", "other data");
+        }
+        if options.makes_surface() {
+            return refuse("velocity", "a volume", "a surface");
+        }
+        if !(motion.time > 0.0 && motion.time.is_finite()) {
+            let found = motion.time.to_string();
+            return refuse("shutter", "a finite number above 0", &found);
+        }
+    }
     let Some(periodic) = &options.periodic else {
         return Ok(());
     };

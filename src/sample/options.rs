@@ -7,6 +7,7 @@ use crate::data::smoothing::{LengthMeaning, SphKernel};
 use crate::error::{Error, Parameter, Result};
 use crate::sample::mesh::{SPLAT_WIDTH, Spread};
 use crate::sample::points::periodic::PeriodicBox;
+use crate::sample::points::streaks::Motion;
 use crate::sample::refine::Refinement;
 use crate::scene::{PointVolume, ScaleName, SplatRule, TransferFunction};
 use crate::task::Task;
@@ -43,6 +44,8 @@ pub struct SampleOptions {
     /// The periodic box of particles: these are moved into it, and images of kernels that cross its faces are added.
     /// Pictures of the box are cut at its faces ([`ClipPlane::of_box`](crate::view::ClipPlane::of_box)).
     pub periodic: Option<PeriodicBox>,
+    /// The motion of particles while a shutter is open: a moving particle is drawn out along its way.
+    pub motion: Option<Motion>,
     /// Receives the progress of the work, and may cancel it.
     pub task: Option<Task>,
 }

@@ -18,7 +18,7 @@ use crate::scene::{
     Classification, Light, LightFrame, Lighting, MAX_SOFTNESS_DEG, ScaleName, Shadows, SplatRule,
 };
 use crate::splat::Filter;
-use crate::view::ClipPlane;
+use crate::view::{Aperture, ClipPlane};
 
 /// Options that turn samples into kernels.
 #[derive(Debug, Clone)]
@@ -197,6 +197,7 @@ pub fn sampling<A: Arguments>(said: &mut A) -> Result<Sampling, A::Error> {
             opacity_scale: positive(said, "opacity_scale")?.unwrap_or(1.0),
         },
         periodic,
+        motion: None,
         flatten: number(said, "flatten", "a finite number", f64::is_finite)?,
         surface: (is_surface && around.is_none()).then_some(1.0),
         ..defaults
@@ -458,6 +459,7 @@ pub fn drawing<A: Arguments>(said: &mut A) -> Result<Drawing, A::Error> {
             depth: said.flag("depth")?.unwrap_or(false),
             normals: said.flag("normals")?.unwrap_or(false),
             lighting,
+            aperture: aperture(said)?,
             task: None,
         },
         has_low_pass: low_pass.is_some(),
@@ -513,6 +515,27 @@ pub fn lighting<A: Arguments>(
             ..Lighting::default()
         })),
         (None, lit) => Ok(lit.unwrap_or(is_default).then(Lighting::default)),
+    }
+}
+
+/// Returns the opening of the lens that is asked for.
+fn aperture<A: Arguments>(said: &mut A) -> Result<Option<Aperture>, A::Error> {
+    let diameter = positive(said, "aperture")?;
+    let focus = positive(said, "focus")?;
+    let pictures = said.count("exposures")?;
+    match (diameter, focus) {
+        (Some(diameter), Some(focus)) => Ok(Some(Aperture {
+            diameter,
+            focus,
+            pictures: pictures.unwrap_or(1),
+        })),
+        (Some(_), None) => Err(A::refused(
+            "aperture: expected focus beside it, the depth that is sharp, found none",
+        )),
+        (None, _) if focus.is_some() || pictures.is_some() => Err(A::refused(
+            "focus, exposures: expected aperture beside them, the diameter of the lens's opening, found none",
+        )),
+        (None, _) => Ok(None),
     }
 }
 

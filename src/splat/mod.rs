@@ -8,6 +8,7 @@
 //! | `exact.rs` | the five floats of w(d), exact bounds |
 //! | `near.rs` | kernels that cross the camera plane |
 //! | `peak.rs` | splats of radiance fields, which state their opacity |
+//! | `defocus.rs` | the disc of a point that is out of focus |
 //! | `sub_pixel.rs` | the opacity of lone kernels smaller than a pixel |
 //! | `pixel_mean.rs` | means over pixels, for column densities |
 //! | `smoothed.rs` | projected SPH kernels and their means over pixels |
@@ -25,6 +26,7 @@ mod bounds;
 pub mod budget;
 mod choose;
 mod cutoff;
+mod defocus;
 mod edges;
 mod exact;
 mod filter;
@@ -43,6 +45,7 @@ pub use bounds::{affine_error, edge_growth, opacity_amplification};
 pub use choose::choose_exact;
 pub(crate) use choose::suffices as affine_suffices;
 pub use cutoff::{cutoff_radius, cutoff_share, meeting};
+pub use defocus::defocus;
 pub use edges::Edges;
 pub use exact::{depth_terms, exact_extent, exact_terms};
 pub use filter::Filter;

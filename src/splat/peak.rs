@@ -5,6 +5,7 @@
 
 use glam::Vec2;
 
+use super::defocus::defocus;
 use super::filter::Filter;
 use super::footprint::{ImageKernel, Kernel, ScreenFactor, project_kernel};
 use crate::constants::{SPLAT_CUTOFF, SPLAT_FLOOR};
@@ -76,6 +77,13 @@ pub fn peak_footprint(
         // digits.
         let determinant = screen.row_x.cross(screen.row_y).length_squared();
         image.tau *= (determinant / image.determinant).sqrt();
+    }
+    let blur = defocus(view, kernel);
+    if blur > 0.0 {
+        // Opacity times area stays.
+        let sharp = image;
+        image = screen.filtered(Filter::Ewa, h2 + blur);
+        image.tau = sharp.tau * (sharp.determinant / image.determinant).sqrt();
     }
     // A footprint whose squared lengths overflow f32 has no form.
     let is_shape = (image.a + image.c).is_finite();

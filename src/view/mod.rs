@@ -5,6 +5,7 @@
 //! pixel (i, j) is (i + 0.5, j + 0.5).
 
 mod along;
+mod aperture;
 mod camera;
 mod camera_file;
 mod camera_path;
@@ -12,9 +13,11 @@ mod captured;
 mod clip;
 mod distortion;
 mod fit;
+mod motion;
 mod panorama;
 
 pub use along::{Along, Window};
+pub use aperture::Aperture;
 pub use camera::{Camera, Projection};
 pub use camera_path::{CameraPath, KeyCamera};
 pub use captured::{NamedCamera, read_camera, read_cameras, read_sequence};

@@ -30,6 +30,7 @@ mod cut_faces;
 mod deep;
 mod detail;
 mod exchange;
+mod exposure;
 mod extent;
 mod extreme_cases;
 mod extremes;

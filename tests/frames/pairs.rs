@@ -16,7 +16,7 @@ use ewa_splat::scene::{
     Colour, Lattice, LatticeSpacing, Lighting, Particles, PointVolume, Shadows, Strength,
     TransferFunction,
 };
-use ewa_splat::view::{Camera, ClipPlane, Projection};
+use ewa_splat::view::{Aperture, Camera, ClipPlane, Projection};
 use ewa_splat::{Classification, Composite, DepthImage, Image, Renderer, Settings, Show};
 use glam::{DMat3, DVec3};
 
@@ -258,11 +258,25 @@ fn settings() -> Vec<(&'static str, Vec<Setting>)> {
                 Law::Finite,
             )],
         ),
+        (
+            "aperture",
+            vec![one(
+                "aperture",
+                |s| {
+                    s.aperture = Some(Aperture {
+                        diameter: 0.2,
+                        focus: 6.0,
+                        pictures: 3,
+                    });
+                },
+                Law::Finite,
+            )],
+        ),
     ]
 }
 
 /// Pairs that contradict each other, with a word of the error.
-const REFUSED: [(&str, &str, &str); 5] = [
+const REFUSED: [(&str, &str, &str); 10] = [
     ("classified slabs", "shadows", "shadows"),
     ("classified slabs", "soft shadows", "shadows"),
     ("classified slabs", "choice", "what draws each kernel"),
@@ -272,6 +286,11 @@ const REFUSED: [(&str, &str, &str); 5] = [
         "opacity of lone kernels",
     ),
     ("exact", "thresholds", "thresholds"),
+    ("aperture", "thresholds", "thresholds"),
+    ("aperture", "count", "counts"),
+    ("aperture", "ends of rays", "backdrop"),
+    ("aperture", "depth", "depths"),
+    ("aperture", "normals", "normals"),
 ];
 
 fn refusal(a: &Setting, b: &Setting) -> Option<&'static str> {
@@ -567,5 +586,5 @@ fn every_pair_of_settings_means_both_or_is_refused() {
     }
     println!("{drawn_pairs} pairs drawn, {refused} refused");
     assert!(faults.is_empty(), "{faults:#?}");
-    assert!(drawn_pairs > 200 && refused == 10);
+    assert!(drawn_pairs > 200 && refused == 15);
 }

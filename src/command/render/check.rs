@@ -44,6 +44,7 @@ impl Arguments {
         if let Some(lighting) = self.lighting() {
             lighting.validate()?;
         }
+        self.exposure.check(self.sequence.moves_camera())?;
         self.check_slice()?;
         self.check_legend()?;
         self.annotations.check(self.numbers())?;

@@ -7,6 +7,7 @@
 //! | `check.rs` | refusals |
 //! | `scene.rs` | the scene, loaded and sorted into blocks |
 //! | `projection.rs` | panoramas |
+//! | `exposure.rs`, `exposed.rs` | lens and shutter |
 //! | `backdrop.rs` | what stands in the picture already |
 //! | `image.rs` | one picture |
 //! | `sequence.rs` | sequences of pictures |
@@ -22,6 +23,8 @@ mod column;
 mod column_mean;
 mod count;
 mod ending;
+mod exposed;
+mod exposure;
 mod image;
 mod options;
 mod projection;
@@ -37,6 +40,7 @@ use std::time::Instant;
 use self::column::Columns;
 pub(super) use self::ending::Ending;
 use self::ending::{Facts, LastFacts};
+use self::exposed::Sequence;
 use self::image::{Picture, blend_of};
 pub(super) use self::options::{Arguments, BackendName};
 use self::scene::ReadyScene;
@@ -141,16 +145,26 @@ pub(crate) fn run(arguments: &mut Arguments) -> Result<()> {
     }
     if is_sequence {
         let facts = LastFacts::default();
+        let sequence = Sequence {
+            cameras: &cameras,
+            is_closed: arguments.sequence.is_closed(),
+            boxes: &boxes,
+        };
         let mut draw = |n: usize| {
             let camera = &cameras[n];
             let over = Overlays::new(&annotations, legend.clone(), bounds, camera)?;
-            let image = arguments.drawn(&mut renderer, camera, &settings)?;
+            let image = arguments.exposed(&mut renderer, &sequence, n, &settings)?;
             let image = over.drawn(image)?.into_owned();
             *facts.borrow_mut() = Facts::of(&renderer, settings.tolerance);
             Ok(image)
         };
         return arguments.draw_all(&cameras, &mut draw, &facts, ranks);
     }
+    let pictures = arguments.exposure.pictures(&renderer, false);
+    let settings = Settings {
+        aperture: arguments.aperture(&camera, &boxes, pictures)?,
+        ..settings
+    };
     let picture = Picture {
         renderer: &mut renderer,
         camera: &camera,

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use super::backdrop::BackdropOptions;
 use super::ending::Ending;
+use super::exposure::ExposureOptions;
 use super::projection::ProjectionOptions;
 use crate::command::annotations::AnnotationOptions;
 use crate::command::cut::CutOptions;
@@ -45,6 +46,8 @@ pub(in crate::command) struct Arguments {
     pub(in crate::command) camera: CameraOptions,
     #[command(flatten)]
     pub(in crate::command) projection: ProjectionOptions,
+    #[command(flatten)]
+    pub(in crate::command) exposure: ExposureOptions,
     /// Leave inputs whose formats have other axes than the first has (y up beside z up) as they are, instead of turning
     /// them to it
     #[arg(long, help_heading = "Placement")]

@@ -1,6 +1,7 @@
 //! Draws sequences of pictures: a turn, a path of cameras, time steps.
 
 use super::ending::{Facts, LastFacts};
+use super::exposed::Sequence;
 use super::image::blend_of;
 use super::options::Arguments;
 use super::tiles::Drawn;
@@ -147,7 +148,14 @@ impl Arguments {
             if let Some(note) = blend.note().filter(|_| n == 0) {
                 progress.suspend(|| note!("{note}"));
             }
-            let image = self.drawn(&mut renderer, &camera, &settings)?.clone();
+            let sequence = Sequence {
+                cameras: std::slice::from_ref(&camera),
+                is_closed: false,
+                boxes: &boxes,
+            };
+            let image = self
+                .exposed(&mut renderer, &sequence, 0, &settings)?
+                .clone();
             *facts.borrow_mut() = Facts::of(&renderer, settings.tolerance);
             let annotations = self.annotations.at(steps[n]);
             let over = Overlays::new(&annotations, legend, bounds, &camera)?;

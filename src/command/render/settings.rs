@@ -41,6 +41,7 @@ impl Arguments {
             },
             refinement: self.refinement(),
             periodic: self.periodic_box(),
+            motion: self.exposure.motion(),
             task,
             ..self.data.sample_options()
         }
@@ -133,6 +134,8 @@ impl Arguments {
             depth: self.output.depth.is_some(),
             normals: self.output.normals.is_some(),
             lighting: self.lighting(),
+            // Its focus depends on what is shown.
+            aperture: None,
             task: None,
         }
     }

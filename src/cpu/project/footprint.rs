@@ -92,6 +92,12 @@ pub(super) fn splat_footprint(
     };
     let depth = image.tau * image.enlargement * meeting(crowding);
     let r = cutoff_radius(depth, 1.0, view.tolerance, view.cutoff);
+    // The limits of a rule hold for splats in focus.
+    let rule = if view.aperture > 0.0 {
+        SplatRule::Exact
+    } else {
+        rule
+    };
     let Some(r) = peak_reach(rule, image.tau, r) else {
         return out;
     };

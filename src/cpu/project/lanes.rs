@@ -13,7 +13,7 @@ use crate::math::Factor;
 use crate::record::{Carried, ExactTerms, Footprint, PATH_AFFINE, PATH_EXACT, ViewUniform};
 use crate::splat::{
     Filter, ImageKernel, Kernel, ScreenFactor, affine_suffices, cutoff_radius, cutoff_share,
-    depth_terms, edge_growth, exact_extent, exact_terms, meeting, project_kernel,
+    defocus, depth_terms, edge_growth, exact_extent, exact_terms, meeting, project_kernel,
 };
 
 /// Number of kernels computed at once: as many as the widest vectors hold.
@@ -149,10 +149,15 @@ impl Batch {
             orthographic: u32::from(ORTHOGRAPHIC),
             ..*shared.view
         };
-        let h2 = view.low_pass_variance_px2;
+        let mut h2 = [view.low_pass_variance_px2; LANES];
+        if view.aperture > 0.0 {
+            for lane in 0..LANES {
+                h2[lane] += defocus(view, &self.kernel(lane));
+            }
+        }
         for lane in 0..LANES {
             let screen = project_kernel(view, &self.kernel(lane));
-            let image = screen.filtered(filter, h2);
+            let image = screen.filtered(filter, h2[lane]);
             self.screens.set(lane, of_screen(screen));
             self.images.set(lane, of_image(image));
             let depth = image.tau * image.enlargement * meeting(crowding);
@@ -163,7 +168,7 @@ impl Batch {
         if may_be_exact {
             for lane in 0..LANES {
                 let (screen, image) = (self.screen(lane), self.image(lane));
-                let terms = exact_terms(&screen, h2, image.determinant);
+                let terms = exact_terms(&screen, h2[lane], image.determinant);
                 self.is_exact[lane] = filter == Filter::Exact
                     || !affine_suffices(view, &screen, &image, &terms, crowding);
                 self.terms.set(lane, of_terms(terms));
@@ -187,8 +192,8 @@ impl Batch {
         if is_cut {
             for lane in 0..LANES {
                 let (screen, z) = (self.screen(lane), self.kernels.0[2][lane]);
-                let determinant = screen.filtered(Filter::Ewa, h2).determinant;
-                let (slope, sigma) = depth_terms(view, &screen, h2, determinant, z);
+                let determinant = screen.filtered(Filter::Ewa, h2[lane]).determinant;
+                let (slope, sigma) = depth_terms(view, &screen, h2[lane], determinant, z);
                 let own = self.terms.get(lane);
                 let is_exact = self.is_exact[lane];
                 let numbers = [slope.x, slope.y, 0.0, 0.0, 0.0, 0.0];
@@ -219,7 +224,7 @@ impl Batch {
         if any_exact {
             for lane in 0..LANES {
                 let screen = self.screen(lane);
-                let extent = exact_extent(&screen, h2, self.radius[lane]);
+                let extent = exact_extent(&screen, h2[lane], self.radius[lane]);
                 let (middle, half) = extent.unwrap_or((Vec2::NAN, Vec2::NAN));
                 let is_exact = self.is_exact[lane];
                 let centre = screen.centre_px + middle;

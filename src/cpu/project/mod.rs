@@ -24,7 +24,7 @@ use crate::record::{
     SurfelTerms, ViewUniform,
 };
 use crate::simd::{SimdLevel, SimdWork, run_at};
-use crate::splat::{CHOICE_COLOURS, Edges, Filter, Kernel, choice_index};
+use crate::splat::{CHOICE_COLOURS, Edges, Filter, Kernel, choice_index, defocus};
 use footprint::{cut_by_edges, depth_key, facing, slab_key, splat_footprint, surfel};
 use lanes::{Batch, LANES, Shared};
 pub use output::ProjectOutput;
@@ -353,7 +353,19 @@ impl Projection<'_> {
             carried,
             key,
         } = *own;
-        let (view, near) = (self.input.view, &self.output.near);
+        let near = &self.output.near;
+        let blurred;
+        let view = match self.rule {
+            Rule::Kernel | Rule::Translucent { .. } if self.input.view.aperture > 0.0 => {
+                blurred = ViewUniform {
+                    low_pass_variance_px2: self.input.view.low_pass_variance_px2
+                        + defocus(self.input.view, kernel),
+                    ..*self.input.view
+                };
+                &blurred
+            }
+            _ => self.input.view,
+        };
         let crowding = run.shapes.block.crowding;
         let is_cut = self.input.is_cut || !edges.is_empty();
         if edges.is_outside() {

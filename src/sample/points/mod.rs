@@ -13,11 +13,13 @@ mod columns;
 mod mass;
 mod neighbourhoods;
 mod shape;
+pub(super) mod streaks;
 mod tree;
 
 use crate::math::narrowed;
 use std::borrow::Cow;
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use self::columns::{Columns, INTENSITIES};
@@ -35,6 +37,7 @@ use super::left_out::LeftOut;
 use crate::constants::DEFAULT_KERNEL_WIDTH;
 use crate::data::colour_columns::ColourNumbers;
 use crate::data::dataset::{Dataset, Geometry};
+use crate::data::vectors::vectors;
 use crate::error::Result;
 use crate::math::ExactSum;
 use crate::sample::field::field_choice::FieldChoice;
@@ -83,17 +86,25 @@ pub(super) fn choices_of_points(dataset: &Dataset) -> Vec<FieldChoice> {
     Columns::of(dataset, 0).choices()
 }
 
-/// Also returns groups of the volume's positions, if they were found for the shapes.
+/// Also returns groups of the volume's positions, if they were found for the shapes, and the ways of the particles while the
+/// shutter is open.
 pub(super) fn volume(
     mut dataset: Dataset,
     options: &SampleOptions,
-) -> Result<(Sampled, Option<Groups>)> {
+) -> Result<(Sampled, Option<Groups>, Vec<DVec3>)> {
     if let (Some(periodic), Geometry::Points { positions }) =
         (&options.periodic, &mut dataset.geometry)
     {
         periodic::wrap(positions, periodic);
     }
-    of_some(dataset, options, None).map(|made| (made.sampled, made.groups))
+    let ways = options.motion.as_ref().map(|motion| {
+        let ways = vectors(&dataset, "velocity", &motion.field)?;
+        Ok(ways.into_iter().map(|way| way * motion.time).collect())
+    });
+    let ways: Vec<DVec3> = ways.transpose()?.unwrap_or_default();
+    let made = of_some(dataset, options, None)?;
+    let kept = made.kept.iter().filter_map(|&row| ways.get(row as usize));
+    Ok((made.sampled, made.groups, kept.copied().collect()))
 }
 
 /// Kinds of points whose particles each depend on one row alone, so that a part of the rows gives a part of the
@@ -114,7 +125,10 @@ pub(super) fn kind_of_rows(dataset: &Dataset, options: &SampleOptions) -> Option
         return None;
     };
     let columns = Columns::of(dataset, positions.len());
-    if options.kernels.shape == ParticleShape::YuTurk || options.periodic.is_some() {
+    if options.kernels.shape == ParticleShape::YuTurk
+        || options.periodic.is_some()
+        || options.motion.is_some()
+    {
         return None;
     }
     let has_shape = options.kernels.radius.is_some() || columns.states_shape();

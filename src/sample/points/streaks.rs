@@ -1,0 +1,196 @@
+//! Draws particles out along their ways while a shutter is open.
+//!
+//! A kernel that moves by d at an even pace has the mean of the density along its way: its mass, on a line of length L = |d|. The line is
+//! n kernels at steps h, drawn out to a standard deviation s = .6 h along it, the width at which kernels of a lattice add up evenly. The second
+//! moments are those of the line, (n² - 1) h²/12 + s² = L²/12, so h = L / sqrt(n² + 3.32). The fourth cumulants differ by
+//! L⁴/120 (1 - (n⁴ - 1)/(n² + 3.32)²). The first term of an Edgeworth series makes that an error at the middle of a kernel of the
+//! deviation S along the way, of (L/S)⁴/960 times the same factor of the peak; n is the least number for which it is below
+//! [`MOST_ERROR`].
+
+use glam::{DMat3, DVec3};
+
+use crate::error::{Error, Result};
+use crate::math::{factor_of_variance, lower_factor, narrowed};
+use crate::sample::positions::index_u32;
+use crate::sample::sampled::Sampled;
+use crate::scene::{Particles, PointVolume, StrengthIn};
+
+/// Motion of particles while a shutter is open.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Motion {
+    /// Name of a vector field at points, length per time; or of three scalars, with commas between them.
+    pub field: String,
+    /// Time that the shutter is open. The middle of it is the data's time.
+    pub time: f64,
+}
+
+/// Greatest error of a streak at its middle, as a share of its peak.
+const MOST_ERROR: f64 = 1.0 / 255.0;
+
+/// Standard deviation of a part of a streak over the step between parts.
+const WIDTH: f64 = 0.6;
+
+/// Most parts of a streak: those of a line without width.
+const MOST_PARTS: u32 = 16;
+
+/// Returns the step between `n` parts of a line, as a share of its length.
+fn step(n: u32) -> f64 {
+    let n = f64::from(n);
+    (n * n - 1.0 + 12.0 * WIDTH * WIDTH).sqrt().recip()
+}
+
+/// Returns the number of parts of a streak.
+///
+/// - `slenderness`: its length over its standard deviation along itself.
+fn parts(slenderness: f64) -> u32 {
+    let error = |n: u32| {
+        let (square, step) = (f64::from(n) * f64::from(n), step(n));
+        let kept = (square * square - 1.0) * step.powi(4);
+        slenderness.powi(4) / 960.0 * (1.0 - kept)
+    };
+    (1..MOST_PARTS)
+        .find(|&n| error(n) <= MOST_ERROR)
+        .unwrap_or(MOST_PARTS)
+}
+
+/// Replaces particles by those of their streaks. Local models are left out: their kernels are others.
+///
+/// - `ways`: the ways of the particles, world units; particles whose ways are not finite stay still.
+///
+/// # Errors
+/// More kernels than can be counted.
+pub(in crate::sample) fn draw_out(sampled: &mut Sampled, ways: &[DVec3]) -> Result<()> {
+    let Sampled { volume, report } = sampled;
+    let count = volume.particles.len().min(ways.len());
+    let mut sources: Vec<u32> = Vec::with_capacity(count);
+    let mut positions = Vec::with_capacity(count);
+    let mut factors = Vec::with_capacity(count);
+    let mut shares = Vec::with_capacity(count);
+    let mut still = 0;
+    for (i, way) in ways.iter().enumerate().take(count) {
+        let (position, factor, _) = volume.particles.shape(i);
+        let length = way.length();
+        let own = factor * factor.transpose();
+        let moves = length > 0.0 && length.is_finite();
+        still += usize::from(!length.is_finite());
+        let drawn = |n: u32| {
+            let along = *way * (step(n) * WIDTH);
+            let v = own + DMat3::from_cols(along * along.x, along * along.y, along * along.z);
+            let [x, y, z] = [v.x_axis, v.y_axis, v.z_axis];
+            factor_of_variance([x.x, x.y, x.z, y.y, y.z, z.z])
+        };
+        let direction = *way / length;
+        let sigma2 = direction.dot(own * direction) + length * length / 12.0;
+        let n = if moves {
+            parts(length / sigma2.sqrt())
+        } else {
+            1
+        };
+        let shape = if moves { drawn(n) } else { None };
+        let n = if shape.is_some() { n } else { 1 };
+        let shape = shape.unwrap_or_else(|| lower_factor(factor));
+        for part in 0..n {
+            let place = (f64::from(part) - 0.5 * f64::from(n - 1)) * step(n);
+            sources.push(index_u32(i));
+            positions.push(if moves {
+                position + *way * place
+            } else {
+                position
+            });
+            factors.push(shape.map(narrowed));
+            shares.push(1.0 / n as f32);
+        }
+        if u32::try_from(sources.len()).is_err() {
+            return Err(Error::invalid(
+                "shutter",
+                "kernels",
+                "at most 4,294,967,295",
+                "more, as long streaks have several each",
+                "shorten the time, or render a part of the data",
+            ));
+        }
+    }
+    volume.local_models = None;
+    volume.gather(&sources);
+    share_out(volume, &shares);
+    report.note(
+        still,
+        "particles",
+        "have a velocity that is not finite, and stay still",
+    );
+    report.particle_count = sources.len();
+    volume.particles = Particles::Anisotropic { positions, factors };
+    Ok(())
+}
+
+/// Divides the masses of particles among their parts.
+fn share_out(volume: &mut PointVolume, shares: &[f32]) {
+    let (StrengthIn::Classified { volumes: strengths } | StrengthIn::Mass(strengths)) =
+        &mut volume.strength
+    else {
+        return;
+    };
+    for (strength, share) in strengths.iter_mut().zip(shares) {
+        *strength *= share;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_have_the_variance_of_the_line() {
+        for n in 1..=MOST_PARTS {
+            let (count, step) = (f64::from(n), step(n));
+            let places = (count * count - 1.0) / 12.0 * step * step;
+            let variance = places + (WIDTH * step).powi(2);
+            assert!((variance - 1.0 / 12.0).abs() < 1e-12, "{n}");
+        }
+        // A short way keeps one kernel; a line needs the most that there are.
+        assert_eq!(parts(1.0), 1);
+        assert_eq!(parts(12.0_f64.sqrt()), MOST_PARTS);
+    }
+
+    /// Profile of a kernel of unit deviation on a way of length `length`, at `x`: the mean of the Gaussian over the way.
+    fn mean(length: f64, x: f64) -> f64 {
+        let steps = 4000;
+        let sum: f64 = (0..steps)
+            .map(|i| {
+                let at = x - length * ((f64::from(i) + 0.5) / f64::from(steps) - 0.5);
+                (-0.5 * at * at).exp()
+            })
+            .sum();
+        sum / f64::from(steps)
+    }
+
+    #[test]
+    fn streaks_are_means_over_the_way() {
+        for length in [0.3, 1.0, 2.0, 4.0, 8.0, 20.0, 60.0] {
+            let n = parts(length / (1.0 + length * length / 12.0_f64).sqrt());
+            let step = length * step(n);
+            let sigma = (1.0 + (WIDTH * step).powi(2)).sqrt();
+            let drawn = |x: f64| -> f64 {
+                let part = |i: u32| {
+                    let at = x - (f64::from(i) - 0.5 * f64::from(n - 1)) * step;
+                    (-0.5 * (at / sigma).powi(2)).exp() / sigma
+                };
+                (0..n).map(part).sum::<f64>() / f64::from(n)
+            };
+            let peak = mean(length, 0.0);
+            let reach = 0.5 * length + 4.0;
+            let places = (0..400).map(|i| reach * f64::from(i) / 400.0);
+            let error = places
+                .map(|x| (drawn(x) - mean(length, x)).abs() / peak)
+                .fold(0.0, f64::max);
+            println!("{length}: {n} parts, {error:.4}");
+            // Ends of long lines are rounded over a part's width.
+            let bound = if length <= 4.0 {
+                3.0 * MOST_ERROR
+            } else {
+                0.25
+            };
+            assert!(error < bound, "{length}: {n} parts, {error}");
+        }
+    }
+}
