@@ -222,8 +222,8 @@ ewa_status ewa_renderer_set_transfer(ewa_renderer *renderer, const ewa_transfer 
 ewa_status ewa_renderer_adapter(const ewa_renderer *renderer, char *buffer, size_t capacity);
 
 /* Draws a picture to the caller's buffers; they keep their contents if it fails. `camera` and `task` may be NULL. `settings`:
- * "tolerance", "composite", "slab_thickness", "classify", "lit", "lights", "shadows", "shadow_softness", "clip", "background",
- * "legend", "low_pass", "filter", "transfer_function", ... as in docs/python.md. On ranks, the buffers of the first one count; others may pass NULL. */
+ * "tolerance", "composite", "slab_thickness", "classify", "lit", "lights", "shadows", "shadow_softness", "aperture", "focus", "clip",
+ * "background", "legend", "low_pass", "filter", "transfer_function", ... as in docs/python.md. On ranks, the buffers of the first one count; others may pass NULL. */
 ewa_status ewa_render(ewa_renderer *renderer, const ewa_camera *camera, const char *settings, size_t width,
                       size_t height, const ewa_task *task, const ewa_buffers *buffers);
 /* As ewa_render, in front of what another renderer drew, and behind it. `background` may be NULL; on ranks, that of the first one

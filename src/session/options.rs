@@ -527,7 +527,7 @@ fn aperture<A: Arguments>(said: &mut A) -> Result<Option<Aperture>, A::Error> {
         (Some(diameter), Some(focus)) => Ok(Some(Aperture {
             diameter,
             focus,
-            pictures: pictures.unwrap_or(1),
+            pictures: pictures.unwrap_or(Aperture::DEFAULT_PICTURES),
         })),
         (Some(_), None) => Err(A::refused(
             "aperture: expected focus beside it, the depth that is sharp, found none",

@@ -25,6 +25,9 @@ pub struct Aperture {
 }
 
 impl Aperture {
+    /// Number of pictures that suits translucent data.
+    pub const DEFAULT_PICTURES: usize = 16;
+
     /// Checks the numbers, and the camera that looks through the opening.
     ///
     /// # Errors

@@ -3,10 +3,11 @@
 use crate::command::parse;
 use crate::sample::Motion;
 use crate::stages::blocks::BlockedVolume;
+use crate::view::Aperture;
 use crate::{Error, Renderer, Result};
 use clap::Args;
 
-/// Pictures of an exposure with opaque surfaces, if no option says the number.
+/// Pictures of a lens with opaque surfaces, if no option says the number.
 const PICTURES_OF_SURFACES: usize = 64;
 
 /// Pictures while a camera moves, if no option says the number.
@@ -48,8 +49,8 @@ pub(in crate::command) struct ExposureOptions {
     #[arg(long, value_name = "NAME", requires = "shutter",
           conflicts_with_all = ["turntable", "camera_path", "flatten", "surface"])]
     velocity: Option<String>,
-    /// Pictures that are averaged, of parts of the lens and of the shutter's time [default: 1; of opaque surfaces through a
-    /// lens 64, of a camera that moves 32]
+    /// Pictures that are averaged, of parts of the lens and of the shutter's time [default: 16; of opaque surfaces through
+    /// a lens 64, of a camera that moves 32]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
     exposures: Option<u16>,
 }
@@ -106,7 +107,7 @@ impl ExposureOptions {
         asked.unwrap_or_else(|| match moves {
             _ if self.aperture.is_some() && has_surfaces() => PICTURES_OF_SURFACES,
             true => PICTURES_OF_MOTION,
-            false => 1,
+            false => Aperture::DEFAULT_PICTURES,
         })
     }
 }

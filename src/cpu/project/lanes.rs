@@ -58,6 +58,8 @@ pub(super) struct Batch {
     images: Columns<6>,
     terms: Columns<6>,
     forms: Columns<4>,
+    /// Variance of the low-pass filter, and of a disc out of focus, px².
+    low_pass: [f32; LANES],
     radius: [f32; LANES],
     tau: [f32; LANES],
     columns: [u32; LANES],
@@ -74,6 +76,7 @@ impl Batch {
             images: Columns::ZERO,
             terms: Columns::ZERO,
             forms: Columns::ZERO,
+            low_pass: [0.0; LANES],
             radius: [0.0; LANES],
             tau: [0.0; LANES],
             columns: [0; LANES],
@@ -149,15 +152,15 @@ impl Batch {
             orthographic: u32::from(ORTHOGRAPHIC),
             ..*shared.view
         };
-        let mut h2 = [view.low_pass_variance_px2; LANES];
+        self.low_pass = [view.low_pass_variance_px2; LANES];
         if view.aperture > 0.0 {
             for lane in 0..LANES {
-                h2[lane] += defocus(view, &self.kernel(lane));
+                self.low_pass[lane] += defocus(view, &self.kernel(lane));
             }
         }
         for lane in 0..LANES {
             let screen = project_kernel(view, &self.kernel(lane));
-            let image = screen.filtered(filter, h2[lane]);
+            let image = screen.filtered(filter, self.low_pass[lane]);
             self.screens.set(lane, of_screen(screen));
             self.images.set(lane, of_image(image));
             let depth = image.tau * image.enlargement * meeting(crowding);
@@ -168,7 +171,7 @@ impl Batch {
         if may_be_exact {
             for lane in 0..LANES {
                 let (screen, image) = (self.screen(lane), self.image(lane));
-                let terms = exact_terms(&screen, h2[lane], image.determinant);
+                let terms = exact_terms(&screen, self.low_pass[lane], image.determinant);
                 self.is_exact[lane] = filter == Filter::Exact
                     || !affine_suffices(view, &screen, &image, &terms, crowding);
                 self.terms.set(lane, of_terms(terms));
@@ -192,8 +195,11 @@ impl Batch {
         if is_cut {
             for lane in 0..LANES {
                 let (screen, z) = (self.screen(lane), self.kernels.0[2][lane]);
-                let determinant = screen.filtered(Filter::Ewa, h2[lane]).determinant;
-                let (slope, sigma) = depth_terms(view, &screen, h2[lane], determinant, z);
+                let determinant = screen
+                    .filtered(Filter::Ewa, self.low_pass[lane])
+                    .determinant;
+                let (slope, sigma) =
+                    depth_terms(view, &screen, self.low_pass[lane], determinant, z);
                 let own = self.terms.get(lane);
                 let is_exact = self.is_exact[lane];
                 let numbers = [slope.x, slope.y, 0.0, 0.0, 0.0, 0.0];
@@ -224,7 +230,7 @@ impl Batch {
         if any_exact {
             for lane in 0..LANES {
                 let screen = self.screen(lane);
-                let extent = exact_extent(&screen, h2[lane], self.radius[lane]);
+                let extent = exact_extent(&screen, self.low_pass[lane], self.radius[lane]);
                 let (middle, half) = extent.unwrap_or((Vec2::NAN, Vec2::NAN));
                 let is_exact = self.is_exact[lane];
                 let centre = screen.centre_px + middle;
