@@ -8,6 +8,7 @@
 //! | `scene.rs` | the scene, loaded and sorted into blocks |
 //! | `projection.rs` | panoramas |
 //! | `backdrop.rs` | what stands in the picture already |
+//! | `shown.rs` | the scene of a picture, for other commands |
 //! | `image.rs` | one picture |
 //! | `sequence.rs` | sequences of pictures |
 //! | `reference.rs` | the reference image |
@@ -29,6 +30,7 @@ mod reference;
 mod scene;
 mod sequence;
 mod settings;
+mod shown;
 mod tiles;
 mod written;
 
@@ -40,6 +42,7 @@ use self::ending::{Facts, LastFacts};
 use self::image::{Picture, blend_of};
 pub(super) use self::options::{Arguments, BackendName};
 use self::scene::ReadyScene;
+pub(super) use self::shown::Shown;
 pub(super) use self::tiles::{Comparison, DEFAULT_TILES, Found};
 use super::annotations::Overlays;
 use super::progress::{note, spinner, task_of};
