@@ -95,6 +95,8 @@ pub(super) struct Converted {
     pub(super) ups: Vec<(PathBuf, Up)>,
     /// Losses of fewer splats than there were, or null.
     fewer: Value,
+    /// True if what sampling warns of was said before.
+    is_quiet: bool,
 }
 
 /// Converts the inputs and writes the output.
@@ -131,6 +133,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             true => "--light",
             false => "--lit",
         },
+        is_quiet: false,
         fewer: Some(&arguments.fewer),
     };
     let mut converted = conversion.converted(&inputs, &bar)?;
@@ -217,6 +220,8 @@ pub(super) struct Conversion<'a> {
     pub(super) of_surfaces: Option<Lighting>,
     /// Option that asks for `light`.
     pub(super) light_option: &'static str,
+    /// True if what sampling warns of was said before.
+    pub(super) is_quiet: bool,
     /// Options of a mesh alone that becomes the fewest splats with a stated error.
     pub(super) fewer: Option<&'a FewerOptions>,
 }
@@ -227,7 +232,10 @@ impl Conversion<'_> {
     /// # Errors
     /// The errors of reading, sampling and converting; light that lights nothing; inputs that all hold nothing to draw.
     pub(super) fn converted(&self, inputs: &[Input], bar: &ProgressBar) -> Result<Converted> {
-        let mut converted = Converted::default();
+        let mut converted = Converted {
+            is_quiet: self.is_quiet,
+            ..Converted::default()
+        };
         let mut nothing = None;
         for (input, options) in inputs.iter().zip(self.options(inputs)?) {
             let path = &input.path;
@@ -463,7 +471,8 @@ impl Converted {
                 match sampled.report.mesh {
                     Some(mesh) => self.meshes.push(mesh_summary(&path, &mesh)),
                     None => {
-                        for line in sampled.report.warnings() {
+                        let warnings = (!self.is_quiet).then(|| sampled.report.warnings());
+                        for line in warnings.into_iter().flatten() {
                             bar.suspend(|| super::progress::note!("{}: {line}", path.display()));
                         }
                     }

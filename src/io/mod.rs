@@ -29,7 +29,6 @@ mod vtk;
 pub(crate) use self::bytes::atomic::write_atomically;
 pub use self::bytes::atomic::write_bytes_atomically;
 #[cfg(feature = "cli")]
-#[cfg(feature = "cli")]
 pub(crate) use self::folder::of_folder;
 pub use self::format::{Family, Format};
 pub(crate) use self::formats::recognise;
@@ -50,7 +49,9 @@ pub use self::picture::column_file::{column_colours, column_look, column_picture
 pub(crate) use self::picture::count_file::shown_count;
 pub use self::picture::count_file::write_count;
 pub use self::picture::deep_file::{check_deep_path, write_deep};
+#[cfg(feature = "cli")]
 pub(crate) use self::picture::fits::{is_fits, write_sky, write_sky_column};
+#[cfg(feature = "cli")]
 pub(crate) use self::picture::image_file::write_image_with;
 pub use self::picture::image_file::{
     check_depth_path, check_folder, check_image_path, png_bytes, read_depth, read_image,

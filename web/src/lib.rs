@@ -7,6 +7,7 @@ mod column;
 mod legend;
 mod picture;
 mod scene;
+mod signal;
 
 use ewa_splat::render::{AdapterChoice, Gpu};
 use ewa_splat::scene::{TransferDefaults, TransferFunction};

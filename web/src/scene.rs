@@ -21,7 +21,7 @@ use wasm_bindgen::prelude::*;
 use crate::camera::{GivenView, described};
 use crate::column::Column;
 use crate::picture::Picture;
-use crate::{Device, legend, thrown};
+use crate::{Device, legend, signal, thrown};
 
 /// Data in memory with the scene made of them.
 #[wasm_bindgen]
@@ -32,6 +32,8 @@ pub struct Scene {
     session: Session,
     /// Sampling options of the session, as text.
     sampling: String,
+    /// Kind of the scene that was made last: nothing of it is sampled again. Empty if it is not known.
+    made: String,
     device: Option<Gpu>,
     /// True if the session draws on the device.
     is_on_device: bool,
@@ -115,6 +117,7 @@ impl Scene {
             opened,
             session,
             sampling: String::new(),
+            made: String::new(),
             device: None,
             is_on_device: false,
             last: None,
@@ -157,10 +160,16 @@ impl Scene {
     /// Draws a picture.
     ///
     /// - `request`: JSON with `size`, `view`, `sampling` and `drawing`; the names of the last two are the command line's.
+    /// - `cancelled`: returns true if the work is to end, and is asked some sixty times a second; its argument is false
+    ///   while data are sampled, and true while the picture is drawn.
     ///
     /// # Errors
-    /// Data that cannot be sampled; settings that do not apply.
-    pub async fn render(&mut self, request: String) -> Result<Picture, JsError> {
+    /// Data that cannot be sampled; settings that do not apply; cancelled work.
+    pub async fn render(
+        &mut self,
+        request: String,
+        cancelled: Option<js_sys::Function>,
+    ) -> Result<Picture, JsError> {
         let request = Request::parse(&request)?;
         self.sample_by(&text_of(&request.sampling))?;
         let is_on_device = self.device.is_some();
@@ -172,7 +181,8 @@ impl Scene {
             size: request.size,
             drawing: &drawing,
         };
-        let task = Task::new();
+        let cancelled = cancelled.as_ref();
+        let task = signal::task(cancelled, false);
         // A session keeps its function until it is told of another: none is told as well.
         self.session
             .set_transfer(drawing.transfer.clone(), &task)
@@ -191,6 +201,13 @@ impl Scene {
             Ok((about, last))
         };
         self.last = None;
+        let made = format!("picture {}", self.sampling);
+        if made != self.made {
+            self.made.clear();
+            self.session.ready(request, &task).map_err(thrown)?;
+            self.made = made;
+        }
+        let task = signal::task(cancelled, true);
         let drawn = self.session.render_async(request, &task, further).await;
         let (drawn, (about, last)) = drawn.map_err(thrown)?;
         self.last = Some(last);
@@ -204,13 +221,18 @@ impl Scene {
     /// Measures the error of the last picture by tiles that are drawn again with everything exact. Returns JSON, or
     /// undefined if a device drew it or there is none.
     ///
+    /// - `cancelled`: as for pictures.
+    ///
     /// # Errors
-    /// Settings that cannot be drawn exactly.
-    pub fn measure(&mut self) -> Result<Option<String>, JsError> {
+    /// Settings that cannot be drawn exactly; cancelled work.
+    pub fn measure(
+        &mut self,
+        cancelled: Option<js_sys::Function>,
+    ) -> Result<Option<String>, JsError> {
         let Some(last) = self.last.as_ref().filter(|_| !self.is_on_device) else {
             return Ok(None);
         };
-        let task = Task::new();
+        let task = signal::task(cancelled.as_ref(), true);
         let mut state = self.session.lock(&task).map_err(thrown)?;
         let ready = state.opened(&last.camera).map_err(thrown)?;
         let thickness = ready.renderer.layers().map(|layers| layers.thickness);
@@ -220,6 +242,7 @@ impl Scene {
         };
         let settings = Settings {
             composite,
+            task: Some(task.clone()),
             ..last.settings.clone()
         };
         let sample =
@@ -275,10 +298,15 @@ impl Scene {
     ///
     /// - `request`: as for pictures; `drawing` may have `of`, `mean`, `slice`, `clip`, `tolerance`, `filter`, `low_pass`
     ///   and `cutoff`, and `map`, `range` and `scale` of the colours.
+    /// - `cancelled`: as for pictures.
     ///
     /// # Errors
-    /// Data that cannot be sampled or summed; settings that do not apply.
-    pub fn columns(&mut self, request: &str) -> Result<Column, JsError> {
+    /// Data that cannot be sampled or summed; settings that do not apply; cancelled work.
+    pub fn columns(
+        &mut self,
+        request: &str,
+        cancelled: Option<js_sys::Function>,
+    ) -> Result<Column, JsError> {
         let request = Request::parse(request)?;
         self.sample_by(&text_of(&request.sampling))?;
         self.place(false, false)?;
@@ -294,7 +322,11 @@ impl Scene {
             mean: given.mean.as_deref(),
             slice: given.slice,
         };
-        let drawn = self.session.columns(own, &Task::new()).map_err(thrown)?;
+        let made = format!("columns {:?} {:?} {}", given.of, given.mean, self.sampling);
+        let task = signal::task(cancelled.as_ref(), made == self.made);
+        self.made.clear();
+        let drawn = self.session.columns(own, &task).map_err(thrown)?;
+        self.made = made;
         given.coloured(drawn)
     }
 }

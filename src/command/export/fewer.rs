@@ -84,6 +84,7 @@ pub(super) fn fewer(
         light: own.light.lighting(),
         of_surfaces: (!own.light.is_unlit()).then(Lighting::default),
         light_option: "--lit",
+        is_quiet: true,
         fewer: None,
     };
     let mut converted = conversion.converted(&own.inputs, bar)?;

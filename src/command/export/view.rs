@@ -103,7 +103,7 @@ pub(super) fn of_splats(own: &render::Arguments, shown: &Shown, turn: DQuat) -> 
 fn common(own: &render::Arguments) -> Result<Map<String, Value>> {
     let mut settings = Map::new();
     if let Some(tolerance) = own.method.tolerance {
-        settings.insert("tolerance".into(), json!(tolerance));
+        settings.insert("tolerance".into(), json!(wide(tolerance)));
     }
     if let Some(plane) = plane(own)? {
         settings.insert("clip".into(), json!(plane));
@@ -120,6 +120,11 @@ fn common(own: &render::Arguments) -> Result<Map<String, Value>> {
         settings.insert("background".into(), background.into());
     }
     Ok(settings)
+}
+
+/// Returns the number that is written as a narrow one is: .01, not the narrow number nearest to it.
+fn wide(narrow: f32) -> f64 {
+    narrow.to_string().parse().unwrap_or(narrow.into())
 }
 
 /// Returns the clip plane, if there is one.
