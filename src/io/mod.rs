@@ -28,6 +28,7 @@ mod vtk;
 #[cfg(feature = "prepared")]
 pub(crate) use self::bytes::atomic::write_atomically;
 pub use self::bytes::atomic::write_bytes_atomically;
+pub use self::bytes::file::Ranges;
 #[cfg(feature = "cli")]
 pub(crate) use self::folder::of_folder;
 pub use self::format::{Family, Format};

@@ -194,36 +194,53 @@ fn options_become_the_view_of_the_page() {
 }
 
 #[test]
-fn data_become_splats_of_a_stated_size_and_error() {
+fn data_become_kernels_of_a_stated_size_and_error() {
     let folder = tempfile::tempdir().unwrap();
     let particles = fixture("particles.csv");
-    let (own, whole) = exported(folder.path(), &[&particles, "--error", "0.0001"]);
+    let (own, whole) = exported(folder.path(), &[&particles, "--error", "0.02"]);
     let merged = &whole["merged"];
-    assert!(
-        merged["notes"].to_string().contains("all splats differ by"),
-        "{whole}"
+    // Particles without a field are kernels, and stay what they are.
+    assert_eq!(merged["kind"], "kernels");
+    assert!(merged["of_all"].as_f64().unwrap() < 0.01, "{whole}");
+    assert!(merged["p999"].as_f64().unwrap() <= 0.02, "{whole}");
+    assert_eq!(own["files"][0]["name"], "kernels.csv");
+    let table = text(&unpacked(&own["files"][0]["data"]));
+    assert_eq!(
+        table.lines().count() as u64,
+        1 + merged["count"].as_u64().unwrap()
     );
-    assert_eq!(merged["splats"], merged["given"]);
-    assert_eq!(own["files"][0]["name"], "splats.glb");
-    assert!(unpacked(&own["files"][0]["data"]).starts_with(b"glTF"));
     let fov = own["view"]["camera"]["fov_deg"].as_f64().unwrap();
     assert!((fov - 35.0).abs() < 1e-9);
 
-    let size = whole["bytes"].as_u64().unwrap() - 4000;
+    let size = whole["bytes"].as_u64().unwrap() / 2;
     let (_, small) = exported(
         folder.path(),
-        &[&particles, "--size", &size.to_string(), "--radius", "0.1"],
+        &[&particles, "--size", &size.to_string(), "--up", "0,0,1"],
     );
     assert!(small["bytes"].as_u64().unwrap() <= size, "{small}");
     let few = &small["merged"];
-    assert!(few["splats"].as_u64() < few["given"].as_u64(), "{small}");
-    assert!(few["p999"].as_f64() >= few["of_all"].as_f64(), "{small}");
+    assert!(few["count"].as_u64() < few["given"].as_u64(), "{small}");
+    assert!(few["p999"].as_f64() > few["of_all"].as_f64(), "{small}");
 
-    let error = 1.5 * merged["of_all"].as_f64().unwrap();
-    let (_, near) = exported(folder.path(), &[&particles, "--error", &error.to_string()]);
-    let near = &near["merged"];
-    assert!(near["p999"].as_f64().unwrap() <= error, "{near}");
-    assert!(near["splats"].as_u64() < near["given"].as_u64(), "{near}");
+    // Surfaces become splats. An error that all of them exceed merges none.
+    let vase = fixture("vase.glb");
+    let (own, surface) = exported(
+        folder.path(),
+        &[&vase, "--count", "500", "--error", "0.0001"],
+    );
+    let merged = &surface["merged"];
+    assert_eq!(
+        (&merged["kind"], &own["files"][0]["name"]),
+        (&json!("splats"), &json!("splats.glb"))
+    );
+    assert_eq!(merged["count"], merged["given"]);
+    assert!(
+        merged["notes"]
+            .to_string()
+            .contains("all of them differ by"),
+        "{surface}"
+    );
+    assert!(unpacked(&own["files"][0]["data"]).starts_with(b"glTF"));
 }
 
 #[test]
@@ -280,11 +297,11 @@ fn what_a_page_cannot_show_is_refused_and_leaves_nothing() {
         ),
         (
             "WAKE --out a.html --error 0.1 --shadows",
-            "--shadows: use: expected what splats keep",
+            "--shadows: use: expected what kernels keep",
         ),
         (
             "WAKE --out a.html --error 0.1 --column-density",
-            "--column-density: use: expected what splats keep",
+            "--column-density: use: expected what kernels keep",
         ),
         (
             "CSV --out a.html --size 300",

@@ -93,17 +93,22 @@ function addressed(path, base) {
   return address.origin === new URL(base).origin ? address : undefined;
 }
 
+/** A file in the form that the module reads, a range at a time. */
+function ranged(file) {
+  const bytes = (blob) => new Uint8Array(new FileReaderSync().readAsArrayBuffer(blob));
+  return { size: file.size, read: (from, length) => bytes(file.slice(from, from + length)) };
+}
+
 /** Returns a function that reads other files: of those given, or from the same address. */
 function reader(files, base) {
   const named = new Map(files.map(({ name, file }) => [plain(name), file]));
   const last = (path) => plain(path).split('/').pop();
   // Files that are picked one by one have lost their folders; in a folder, another's file of the same name is not meant.
   const isFlat = !base && files.every(({ name }) => plain(name) === last(name));
-  const bytes = (file) => new Uint8Array(new FileReaderSync().readAsArrayBuffer(file));
   return (path) => {
     const same = isFlat ? files.filter(({ name }) => plain(name) === last(path)) : [];
     const given = named.get(plain(path)) ?? (same.length === 1 ? same[0].file : undefined);
-    if (given) return bytes(given);
+    if (given) return ranged(given);
     if (!base) return undefined;
     const request = new XMLHttpRequest();
     try {
@@ -127,8 +132,7 @@ const calls = {
     close();
     const beside = reader(files, base);
     const main = files.find((file) => file.name === name).file;
-    const bytes = new Uint8Array(new FileReaderSync().readAsArrayBuffer(main));
-    scene = module.Scene.open(name, bytes, JSON.stringify(settings), beside);
+    scene = module.Scene.open(name, ranged(main), JSON.stringify(settings), beside);
     if (device) scene.on(device);
     return { ...JSON.parse(scene.about), memory: module.memoryBytes() };
   },

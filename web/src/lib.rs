@@ -4,6 +4,7 @@
 
 mod camera;
 mod column;
+mod file;
 mod legend;
 mod picture;
 mod scene;

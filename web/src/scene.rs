@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use ewa_splat::io::{column_colours, column_picture};
+use ewa_splat::io::{Ranges, column_colours, column_picture};
 use ewa_splat::legend::{ColourBar, name_without_unit};
 use ewa_splat::measure::ErrorSample;
 use ewa_splat::render::Gpu;
@@ -20,6 +20,7 @@ use wasm_bindgen::prelude::*;
 
 use crate::camera::{GivenView, described};
 use crate::column::Column;
+use crate::file::Given;
 use crate::picture::Picture;
 use crate::{Device, legend, signal, thrown};
 
@@ -86,15 +87,19 @@ impl Scene {
     /// Opens a file.
     ///
     /// - `name`: its name, perhaps with folders. Errors contain it.
-    /// - `bytes`: its bytes.
+    /// - `file`: its bytes; or an object with its `size`, and `read(from, length)`, which returns bytes. Such a file is read
+    ///   in ranges, and is not held whole where its format allows it.
     /// - `settings`: options for opening and sampling, as JSON, with the command line's names.
-    /// - `beside`: returns the bytes of another file by its path, or undefined.
+    /// - `beside`: returns another file by its path, in the same form, or undefined.
     ///
     /// # Errors
     /// Unreadable files, with the command line's words; settings that do not apply.
     pub fn open(
         name: &str,
-        bytes: Vec<u8>,
+        #[wasm_bindgen(
+            unchecked_param_type = "Uint8Array | { size: number, read: (from: number, length: number) => Uint8Array }"
+        )]
+        file: JsValue,
         settings: &str,
         beside: &js_sys::Function,
     ) -> Result<Scene, JsError> {
@@ -103,11 +108,11 @@ impl Scene {
         let beside = |path: &Path| {
             let path = JsValue::from_str(&path.to_string_lossy());
             let found = beside.call1(&JsValue::NULL, &path).ok()?;
-            let bytes: js_sys::Uint8Array = found.dyn_into().ok()?;
-            Some(bytes.to_vec())
+            Given::of(found).map(|file| Box::new(file) as Box<dyn Ranges>)
         };
-        let opened = Drawable::open_with(name, &bytes, &beside, &how, &own).map_err(thrown)?;
-        drop(bytes);
+        let expected = "file: expected bytes, or an object with size and read, found another value";
+        let file = Given::of(file).ok_or_else(|| thrown(expected))?;
+        let opened = Drawable::open_with(name, &file, &beside, &how, &own).map_err(thrown)?;
         let session = Session::new(
             vec![Arc::new(opened.sampled_by(&own).map_err(thrown)?)],
             Backend::Cpu,

@@ -1,4 +1,7 @@
-//! Makes splats of data, merges them to a stated size and error, and measures what pictures lose.
+//! Makes kernels or splats of data, merges them to a stated size and error, and measures what pictures lose.
+//!
+//! Volumes become a table of kernels that absorb light: what is drawn, without its field. Surfaces, splats and data with
+//! baked light become splats, which have one opacity from all sides.
 
 use std::path::Path;
 
@@ -7,23 +10,29 @@ use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
 use super::files::Embedded;
+use crate::blocks::{BlockedParticles, BlockedVolume};
 use crate::command::certificate::{cameras, psnr, renderer_of};
 use crate::command::convert::Conversion;
 use crate::command::fewer::{AZIMUTHS_DEG, percentile};
 use crate::command::render::{self, Shown};
 use crate::data::splats::SplatCloud;
 use crate::data::up::Up;
-use crate::image::Image;
+use crate::image::{Image, linear_from_srgb};
 use crate::io::{OpenOptions, SplatFileOptions, open, write_splats};
+use crate::math::HARMONIC_0;
 use crate::measure::{FLIP_PIXELS_PER_DEGREE, flip};
 use crate::render::Composite;
 use crate::sample::fewer_splats;
-use crate::scene::Lighting;
+use crate::scene::{Lighting, StrengthIn};
 use crate::view::Camera;
 use crate::{Error, Renderer, Result, Settings};
 
-/// Name of the splats' file. It keeps linear light, in which volumes are composited.
-const NAME: &str = "splats.glb";
+/// Name of the file of splats. It keeps linear light, in which volumes are composited.
+const SPLATS: &str = "splats.glb";
+/// Name of the table of kernels.
+const KERNELS: &str = "kernels.csv";
+/// Greatest opacity of a kernel in a table: of more, the depth is not known.
+const MOST_OPAQUE: f32 = 0.99999;
 /// Pixels along a side of the picture of the page's view.
 const SIDE: usize = 512;
 /// Share of the splats that are left by one step towards a stated error.
@@ -45,7 +54,7 @@ pub(super) struct Limits {
     pub(super) error: Option<f64>,
 }
 
-/// Splats of data.
+/// Kernels or splats of data.
 pub(super) struct Merged {
     pub(super) file: Embedded,
     /// Rotation from the data to the splats.
@@ -53,7 +62,7 @@ pub(super) struct Merged {
     pub(super) summary: Value,
 }
 
-/// Splats in a packed file, and their pictures.
+/// Kernels or splats in a packed file, and their pictures.
 struct Written {
     file: Embedded,
     turn: DQuat,
@@ -66,6 +75,8 @@ struct Pictures<'a> {
     cameras: Vec<Camera>,
     images: Vec<Image>,
     up: DVec3,
+    /// True if kernels are written, not splats.
+    of_kernels: bool,
 }
 
 /// Converts what is drawn to splats, and merges them.
@@ -95,14 +106,16 @@ pub(super) fn fewer(
         cloud = fewer_splats(cloud, count as usize, None)?;
     }
     bar.set_message("drawing the data");
-    let pictures = Pictures::of(shown, up)?;
+    let of_kernels =
+        cloud.harmonics_degree == 0 && shown.renderer.volumes().iter().all(is_absorbing);
+    let pictures = Pictures::of(shown, up, of_kernels)?;
     bar.set_message("merging splats");
     let mut written = pictures.written(&cloud)?;
     let of_all = pictures.error(&written);
     if let Some(most) = limits.error {
         if of_all > most {
             let text = format!(
-                "--error {most}: all splats differ by {of_all:.3} from the data, and none are merged for it"
+                "--error {most}: all of them differ by {of_all:.3} from the data, and none are merged for it"
             );
             converted.notes.push(text);
         }
@@ -137,7 +150,7 @@ pub(super) fn fewer(
             tries += 1;
             if fewer.positions.len() == count || tries > TRIES {
                 let expected = format!(
-                    "more bytes: {} for the splats that cannot be merged",
+                    "more bytes: {} for what cannot be merged",
                     written.file.characters
                 );
                 let found = most.to_string();
@@ -158,8 +171,9 @@ pub(super) fn fewer(
         .filter_map(|(a, b)| flip(a, b, FLIP_PIXELS_PER_DEGREE))
         .collect();
     let summary = json!({
+        "kind": if of_kernels { "kernels" } else { "splats" },
         "given": given,
-        "splats": cloud.positions.len(),
+        "count": cloud.positions.len(),
         "pictures": pictures.images.len(),
         "psnr": psnr(&pictures.images, &written.images),
         "p999": pictures.error(&written),
@@ -186,7 +200,7 @@ fn share(share: f64, count: usize) -> usize {
 
 impl<'a> Pictures<'a> {
     /// Draws the data: the view of the page, and four from around them.
-    fn of(shown: &'a mut Shown, up: DVec3) -> Result<Self> {
+    fn of(shown: &'a mut Shown, up: DVec3, of_kernels: bool) -> Result<Self> {
         let own = &shown.camera;
         let ratio = SIDE as f64 / own.width.max(own.height) as f64;
         let scaled = |n: usize| share(ratio, n);
@@ -209,21 +223,28 @@ impl<'a> Pictures<'a> {
             cameras,
             images,
             up,
+            of_kernels,
         })
     }
 
-    /// Writes splats, and draws what is read back.
+    /// Writes kernels or splats, and draws what is read back.
     fn written(&self, cloud: &SplatCloud) -> Result<Written> {
         let failed =
             |path: &Path, e| Error::io(path, "writing", e, "check the folder for temporary files");
         let folder = tempfile::tempdir().map_err(|e| failed(&std::env::temp_dir(), e))?;
-        let path = folder.path().join(NAME);
-        let options = SplatFileOptions {
-            up: Some(self.up),
-            ..SplatFileOptions::default()
+        let name = if self.of_kernels { KERNELS } else { SPLATS };
+        let path = folder.path().join(name);
+        let turn = if self.of_kernels {
+            std::fs::write(&path, table(cloud)).map_err(|e| failed(&path, e))?;
+            DQuat::IDENTITY
+        } else {
+            let options = SplatFileOptions {
+                up: Some(self.up),
+                ..SplatFileOptions::default()
+            };
+            write_splats(&path, &rounded(cloud.clone()), &options)?.turn
         };
-        let turn = write_splats(&path, &rounded(cloud.clone()), &options)?.turn;
-        let file = Embedded::of_file(NAME.into(), &path)?;
+        let file = Embedded::of_file(name.into(), &path)?;
         let mut renderer = renderer_of(open(&path, &OpenOptions::default())?)?;
         let back = DMat3::from_quat(turn.inverse());
         let cameras = self.cameras.iter().map(|camera| Camera {
@@ -263,6 +284,81 @@ fn drawn(renderer: &mut Renderer, cameras: &[Camera], settings: &Settings) -> Re
     images.collect()
 }
 
+/// Returns true if kernels of a volume absorb light, and are no splats that state opacities.
+fn is_absorbing(volume: &BlockedVolume) -> bool {
+    let is_flat = matches!(volume.particles, BlockedParticles::Surfels { .. });
+    !is_flat && !matches!(volume.strength, StrengthIn::PeakOpacity { .. })
+}
+
+/// Returns kernels as a table: places, shapes, opacities along the shortest axis and linear colours. Four digits keep them
+/// to a thousandth.
+fn table(cloud: &SplatCloud) -> String {
+    let (low, step) = steps(&cloud.positions);
+    // As many decimals as steps need.
+    let decimals = if step > 0.0 {
+        (-step.log10()).ceil().clamp(0.0, 300.0)
+    } else {
+        6.0
+    };
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "between 0 and 300"
+    )]
+    let decimals = decimals as usize;
+    let mut text =
+        String::from("x,y,z,scale_0,scale_1,scale_2,rot_0,rot_1,rot_2,rot_3,opacity,r,g,b\n");
+    let stride = cloud.harmonics_stride();
+    for (i, position) in cloud.positions.iter().enumerate() {
+        let place = near(*position, low, step).to_array();
+        let [w, x, y, z] = cloud.rotations[i];
+        let length = (w * w + x * x + y * y + z * z).sqrt();
+        let rotation = [w, x, y, z].map(|n| n / length);
+        let colours = &cloud.harmonics[i * stride..][..3];
+        let light = |c: &f32| {
+            let own = 0.5 + HARMONIC_0 * c;
+            let linear = if cloud.is_linear {
+                own
+            } else {
+                linear_from_srgb(own)
+            };
+            linear.clamp(0.0, 1.0)
+        };
+        let opacity = cloud.opacities[i].min(MOST_OPAQUE);
+        let opacity = match opacity < 0.1 {
+            true => format!("{opacity:.3e}"),
+            false => format!("{opacity:.5}"),
+        };
+        let words = place.map(|n| format!("{n:.decimals$}")).into_iter();
+        let words = words
+            .chain(cloud.scales[i].map(|n| format!("{n:.3e}")))
+            .chain(rotation.map(|n| format!("{n:.4}")))
+            .chain([opacity])
+            .chain(colours.iter().map(|c| format!("{:.4}", light(c))));
+        text += &words.collect::<Vec<_>>().join(",");
+        text.push('\n');
+    }
+    text
+}
+
+/// Returns the lower corner of positions, and the step that they are stored in.
+fn steps(positions: &[DVec3]) -> (DVec3, f64) {
+    let low = positions.iter().fold(DVec3::INFINITY, |low, p| low.min(*p));
+    let high = positions
+        .iter()
+        .fold(DVec3::NEG_INFINITY, |high, p| high.max(*p));
+    let step = (high - low).max_element() / STEPS;
+    (low, if step.is_finite() { step } else { 0.0 })
+}
+
+/// Returns the nearest of the positions that are stored.
+fn near(position: DVec3, low: DVec3, step: f64) -> DVec3 {
+    match step > 0.0 {
+        true => low + ((position - low) / step).round() * step,
+        false => position,
+    }
+}
+
 /// Rounds the numbers of splats, so that they pack to half.
 fn rounded(mut cloud: SplatCloud) -> SplatCloud {
     let round = |x: &mut f32| {
@@ -274,19 +370,9 @@ fn rounded(mut cloud: SplatCloud) -> SplatCloud {
             *x = near;
         }
     };
-    let low = cloud
-        .positions
-        .iter()
-        .fold(DVec3::INFINITY, |low, p| low.min(*p));
-    let high = cloud
-        .positions
-        .iter()
-        .fold(DVec3::NEG_INFINITY, |high, p| high.max(*p));
-    let step = (high - low).max_element() / STEPS;
-    if step > 0.0 && step.is_finite() {
-        for position in &mut cloud.positions {
-            *position = low + ((*position - low) / step).round() * step;
-        }
+    let (low, step) = steps(&cloud.positions);
+    for position in &mut cloud.positions {
+        *position = near(*position, low, step);
     }
     cloud.scales.as_flattened_mut().iter_mut().for_each(round);
     cloud

@@ -12,7 +12,7 @@ use flate2::Compression;
 use flate2::write::GzEncoder;
 use serde_json::{Value, json};
 
-use crate::io::of_folder;
+use crate::io::{Ranges, of_folder};
 use crate::session::{Drawable, Said, opening, sampling};
 use crate::{Error, Result};
 
@@ -76,6 +76,32 @@ impl Embedded {
     }
 }
 
+/// A file on the disk, which the page will have in memory.
+struct OnDisk {
+    file: File,
+    len: u64,
+}
+
+impl OnDisk {
+    fn open(path: &Path) -> io::Result<Self> {
+        let file = File::open(path)?;
+        let len = file.metadata()?.len();
+        Ok(Self { file, len })
+    }
+}
+
+impl Ranges for OnDisk {
+    fn len(&self) -> u64 {
+        self.len
+    }
+
+    fn read_at(&self, from: u64, into: &mut [u8]) -> io::Result<()> {
+        let mut file = &self.file;
+        file.seek(SeekFrom::Start(from))?;
+        file.read_exact(into)
+    }
+}
+
 /// Packs a file and those that it names, and opens them from memory alone, as the page does.
 ///
 /// - `opened`: files that were opened when the data were read from the disk.
@@ -92,7 +118,7 @@ pub(super) fn needed(path: &Path, opened: &[PathBuf], step: &Value) -> Result<Ve
             "a folder whose files are listed",
         );
         let advice =
-            "name a file in it, or add --size or --error, which make splats of what is drawn";
+            "name a file in it, or add --size or --error, which make kernels of what is drawn";
         return Err(Error::format(path, "page", expected, found, advice));
     }
     let folder = main.parent().unwrap_or(Path::new(""));
@@ -110,7 +136,7 @@ pub(super) fn needed(path: &Path, opened: &[PathBuf], step: &Value) -> Result<Ve
             format!("at most {MOST_BYTES} bytes of data"),
             format!("{size}"),
         );
-        let advice = "add --size or --error, which make splats of what is drawn";
+        let advice = "add --size or --error, which make kernels of what is drawn";
         return Err(Error::format(path, "page", expected, found, advice));
     }
     let name = main
@@ -120,14 +146,14 @@ pub(super) fn needed(path: &Path, opened: &[PathBuf], step: &Value) -> Result<Ve
     let asked = RefCell::new(vec![name.clone()]);
     let beside = |wanted: &Path| {
         let wanted = relative(wanted, Path::new(""))?;
-        let bytes = std::fs::read(all.get(&wanted)?).ok()?;
+        let file = OnDisk::open(all.get(&wanted)?).ok()?;
         if !asked.borrow().contains(&wanted) {
             asked.borrow_mut().push(wanted);
         }
-        Some(bytes)
+        Some(Box::new(file) as Box<dyn Ranges>)
     };
-    let bytes = std::fs::read(&main)
-        .map_err(|e| Error::io(&main, "reading", e, "check its permissions"))?;
+    let file =
+        OnDisk::open(&main).map_err(|e| Error::io(&main, "reading", e, "check its permissions"))?;
     let settings = match step {
         Value::Null => "{}".to_owned(),
         step => json!({ "time_step": step }).to_string(),
@@ -144,10 +170,10 @@ pub(super) fn needed(path: &Path, opened: &[PathBuf], step: &Value) -> Result<Ve
             "report this",
         )
     })?;
-    let drawable = Drawable::open_with(&name, &bytes, &beside, &how, &sampling);
+    let drawable = Drawable::open_with(&name, &file, &beside, &how, &sampling);
     drawable.map_err(|error| {
         let advice =
-            "name another file, or add --size or --error, which make splats of what is drawn";
+            "name another file, or add --size or --error, which make kernels of what is drawn";
         Error::format(
             path,
             "opening as the page does",

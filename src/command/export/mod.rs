@@ -5,7 +5,7 @@
 //! | `options.rs` | the options: those of `render` that the page has, and its own |
 //! | `view.rs` | options as the view of the page |
 //! | `files.rs` | the files that the page needs, opened as the page opens them |
-//! | `fewer.rs` | data as splats, merged to a stated size and error |
+//! | `fewer.rs` | data as kernels or splats, merged to a stated size and error |
 //! | `page.rs` | the page, its program and the data in one file |
 
 mod fewer;
@@ -36,7 +36,7 @@ use crate::{Error, Result};
 struct Contents {
     files: Vec<Embedded>,
     view: Value,
-    /// What splats lose against the data; null for data as they are.
+    /// What kernels or splats lose against the data; null for data as they are.
     merged: Value,
 }
 
@@ -117,7 +117,7 @@ fn whole(arguments: &Arguments, shown: &Shown, first: &Input) -> Result<Option<C
     }))
 }
 
-/// Makes splats of the data, at most `most` characters of them.
+/// Makes kernels or splats of the data, at most `most` characters of them.
 fn splats(
     arguments: &Arguments,
     mut shown: Shown,
@@ -188,10 +188,10 @@ fn print(summary: &Value) {
     );
     let number = |key: &str| merged[key].as_f64().unwrap_or(f64::NAN);
     row(
-        "splats",
+        &text(&merged["kind"]),
         format!(
-            "{} of {}: beside the data, in {} pictures, {psnr} (sRGB codes), 99.9 % of pixels within {:.3}, FLIP {:.4}; all splats within {:.3}",
-            merged["splats"],
+            "{} of {}: beside the data, in {} pictures, {psnr} (sRGB codes), 99.9 % of pixels within {:.3}, FLIP {:.4}; all of them within {:.3}",
+            merged["count"],
             merged["given"],
             merged["pictures"],
             number("p999"),

@@ -54,11 +54,11 @@ pub(super) struct PageOptions {
     /// program's folder, or web/dist above it]
     #[arg(long, value_name = "DIR")]
     pub(super) page: Option<PathBuf>,
-    /// Greatest size of the page, such as 20M: larger data become splats, merged until they fit; what pictures lose is
-    /// printed
+    /// Greatest size of the page, such as 20M: larger data become kernels or splats of what is drawn, merged until they fit;
+    /// what pictures lose is printed
     #[arg(id = "bytes", long = "size", value_name = "BYTES", value_parser = parse::bytes)]
     pub(super) bytes: Option<u64>,
-    /// Make splats of the data, and merge them while 99.9 % of the pixels of five pictures differ by less from those of
+    /// Make kernels or splats of what is drawn, and merge them while 99.9 % of the pixels of five pictures differ by less from those of
     /// the data (0 to 1)
     #[arg(long, value_name = "E", value_parser = parse::share, allow_hyphen_values = true)]
     pub(super) error: Option<f64>,
@@ -77,8 +77,12 @@ pub(in crate::command) struct Arguments {
 
 impl FromArgMatches for Arguments {
     fn from_arg_matches(matches: &ArgMatches) -> std::result::Result<Self, clap::Error> {
-        let options = render::Arguments::augment_args(Command::new("export"));
-        let given = options.get_arguments().filter_map(|option| {
+        let of_render = ids::<render::Arguments>();
+        let options = Self::augment_args(Command::new("export"));
+        let options = options
+            .get_arguments()
+            .filter(|own| of_render.iter().any(|id| own.get_id() == id));
+        let given = options.filter_map(|option| {
             let id = option.get_id().as_str();
             let is_given = matches.value_source(id) == Some(ValueSource::CommandLine);
             let long = option.get_long().unwrap_or(id);
@@ -160,7 +164,7 @@ impl Arguments {
     pub(super) fn as_they_are(&self) -> Result<()> {
         let fault = |option: String, expected: &str, found: &str| {
             let advice =
-                "leave it out, or add --size or --error, which make splats of what is drawn";
+                "leave it out, or add --size or --error, which make kernels of what is drawn";
             Err(Error::invalid(option, "use", expected, found, advice))
         };
         if self.render.inputs.len() > 1 {
@@ -196,7 +200,7 @@ impl Arguments {
         match self.given.iter().find(|(id, _)| !keeps(id)) {
             None => Ok(()),
             Some((_, long)) => {
-                let expected = "what splats keep, which --size and --error make of data";
+                let expected = "what kernels keep, which --size and --error make of data";
                 let advice = "leave it out, or both of them";
                 Err(Error::invalid(
                     format!("--{long}"),

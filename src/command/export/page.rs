@@ -147,7 +147,7 @@ impl Page {
         let length = self.length(files, view);
         if length > MOST_CHARACTERS {
             let expected = format!("at most {MOST_CHARACTERS} characters, which browsers read");
-            let advice = "add --size or --error, which make splats of what is drawn";
+            let advice = "add --size or --error, which make kernels of what is drawn";
             return Err(Error::format(
                 out,
                 "page",

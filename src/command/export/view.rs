@@ -183,7 +183,7 @@ fn light(own: &render::Arguments, set: &mut impl FnMut(&str, Value)) -> Result<(
 }
 
 fn refused<T>(option: &'static str, expected: &str, found: &str) -> Result<T> {
-    let advice = "change it, or add --size or --error, which make splats of what is drawn";
+    let advice = "change it, or add --size or --error, which make kernels of what is drawn";
     Err(Error::invalid(option, "page", expected, found, advice))
 }
 
