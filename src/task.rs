@@ -34,11 +34,13 @@ use crate::parallel;
 pub struct Task(Arc<Shared>);
 
 type Observer = dyn Fn(Progress) + Send + Sync;
+type Asked = dyn Fn() -> bool + Send + Sync;
 
 #[derive(Default)]
 struct Shared {
     is_cancelled: AtomicBool,
     observer: Option<Box<Observer>>,
+    asked: Option<Box<Asked>>,
 }
 
 /// Progress of work.
@@ -62,8 +64,19 @@ impl Task {
     /// thread. The work waits for the observer.
     pub fn observed(observer: impl Fn(Progress) + Send + Sync + 'static) -> Self {
         Self(Arc::new(Shared {
-            is_cancelled: AtomicBool::new(false),
             observer: Some(Box::new(observer)),
+            ..Shared::default()
+        }))
+    }
+
+    /// Makes a task that asks whether it is cancelled: for work whose thread receives nothing until the work ends.
+    ///
+    /// - `asked`: returns true once the work is to end. Called from any thread, often: for each tile of a frame, or for
+    ///   some thousand particles.
+    pub fn asking(asked: impl Fn() -> bool + Send + Sync + 'static) -> Self {
+        Self(Arc::new(Shared {
+            asked: Some(Box::new(asked)),
+            ..Shared::default()
         }))
     }
 
@@ -88,6 +101,17 @@ impl Task {
 
     /// Returns true if the task has been cancelled.
     pub fn is_cancelled(&self) -> bool {
+        let is_cancelled =
+            self.was_cancelled() || self.0.asked.as_ref().is_some_and(|asked| asked());
+        if is_cancelled {
+            self.cancel();
+        }
+        is_cancelled
+    }
+
+    /// Returns true if the task was cancelled, without asking.
+    #[inline]
+    fn was_cancelled(&self) -> bool {
         self.0.is_cancelled.load(Ordering::Relaxed)
     }
 }
@@ -95,7 +119,7 @@ impl Task {
 impl fmt::Debug for Task {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Task")
-            .field("is_cancelled", &self.is_cancelled())
+            .field("is_cancelled", &self.was_cancelled())
             .finish_non_exhaustive()
     }
 }
@@ -172,8 +196,9 @@ impl<'a> Stage<'a> {
         };
         if i.is_multiple_of(Self::GRAIN) {
             self.advance(Self::GRAIN.min(self.steps - i.min(self.steps)));
+            return !task.is_cancelled();
         }
-        !task.is_cancelled()
+        !task.was_cancelled()
     }
 
     /// Reports the finished share, 0 to 1, of a stage whose steps cannot be counted; it has a thousand steps.
@@ -297,6 +322,18 @@ mod tests {
         assert_eq!(asked.load(Ordering::Relaxed), 8192);
         assert_eq!(task, task.clone());
         assert_ne!(task, Task::new());
+    }
+
+    #[test]
+    fn work_that_asks_ends_once_the_answer_is_yes() {
+        let count = Arc::new(AtomicUsize::new(0));
+        let questions = Arc::clone(&count);
+        let task = Task::asking(move || questions.fetch_add(1, Ordering::Relaxed) >= 2);
+        let result = collect(Some(&task), "numbers", 100_000, |i| i);
+        assert!(matches!(result, Err(Error::Cancelled)));
+        // It is not asked again.
+        assert!(task.is_cancelled() && task.was_cancelled());
+        assert_eq!(count.load(Ordering::Relaxed), 3);
     }
 
     #[test]

@@ -16,8 +16,8 @@ use crate::load::{Input, SurfelDemand, prefer};
 use crate::render::{bake_light, nothing_lit};
 use crate::sample::mesh::{MeshReport, Spread};
 use crate::sample::{
-    ConversionReport, Finding, SampleOptions, as_surface, field_choices, scene, sound_splats,
-    splat_cloud,
+    ConversionReport, Finding, SampleOptions, as_surface, field_choices, is_surface, scene,
+    sound_splats, splat_cloud,
 };
 use crate::scene::Lighting;
 use crate::{Error, Result};
@@ -83,18 +83,20 @@ enum Version {
 
 /// Splats of all inputs so far.
 #[derive(Default)]
-struct Converted {
-    cloud: SplatCloud,
+pub(super) struct Converted {
+    pub(super) cloud: SplatCloud,
     report: ConversionReport,
     /// True if light is in the colours of some splats.
     is_lit: bool,
     /// Summary of each mesh's conversion.
     meshes: Vec<Value>,
-    notes: Vec<String>,
+    pub(super) notes: Vec<String>,
     /// Direction up of each input.
-    ups: Vec<(PathBuf, Up)>,
+    pub(super) ups: Vec<(PathBuf, Up)>,
     /// Losses of fewer splats than there were, or null.
     fewer: Value,
+    /// True if what sampling warns of was said before.
+    is_quiet: bool,
 }
 
 /// Converts the inputs and writes the output.
@@ -122,51 +124,19 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
             .run(&inputs, out, data, lighting.is_some(), arguments.json);
     }
     let bar = progress::bar(inputs.len() as u64 + 1);
-    let mut converted = Converted::default();
-    let mut nothing = None;
-    for (input, options) in inputs.iter().zip(arguments.options(&inputs)?) {
-        let path = &input.path;
-        bar.set_message(format!("converting {}", path.display()));
-        let added = arguments.data.open(input).and_then(|dataset| {
-            for note in &dataset.notes {
-                converted.notes.push(format!("{}: {note}", path.display()));
-            }
-            let up = dataset.up();
-            let dataset = as_surface(dataset, &options)?;
-            let light = lighting.as_ref().map(|light| (light, up.direction));
-            let is_alone = inputs.len() == 1 && light.is_none();
-            match arguments
-                .fewer
-                .of_mesh(&dataset, &options)?
-                .filter(|_| is_alone)
-            {
-                Some(most) => {
-                    converted.add_fewest(dataset, &options, (most, up.direction), &bar)?
-                }
-                None => converted.add(dataset, &options, light, &bar)?,
-            }
-            converted.ups.push((path.clone(), up));
-            Ok(())
-        });
-        match added {
-            Err(error) if inputs.len() > 1 && error.holds_nothing() => {
-                let note = format!("{}: holds nothing to draw: left out", path.display());
-                converted.notes.push(note);
-                nothing.get_or_insert(error);
-            }
-            added => added?,
-        }
-        bar.inc(1);
-    }
-    if let Some(error) = nothing.filter(|_| converted.ups.is_empty()) {
-        return Err(error);
-    }
-    if lighting.is_some() && !converted.is_lit {
-        return Err(nothing_lit(match arguments.light.has_lights() {
+    let conversion = Conversion {
+        data: &arguments.data,
+        width: arguments.width,
+        light: lighting,
+        of_surfaces: None,
+        light_option: match arguments.light.has_lights() {
             true => "--light",
             false => "--lit",
-        }));
-    }
+        },
+        is_quiet: false,
+        fewer: Some(&arguments.fewer),
+    };
+    let mut converted = conversion.converted(&inputs, &bar)?;
     bar.set_message("writing");
     let Converted {
         cloud,
@@ -239,12 +209,93 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-impl Arguments {
+/// Conversion of data to splats, by the options of a command.
+pub(super) struct Conversion<'a> {
+    pub(super) data: &'a DataOptions,
+    /// Width of splats, if it is given.
+    pub(super) width: Option<f64>,
+    /// Light that is baked into the colours of surfaces and fields.
+    pub(super) light: Option<Lighting>,
+    /// Light that is baked into the colours of surfaces if `light` is none.
+    pub(super) of_surfaces: Option<Lighting>,
+    /// Option that asks for `light`.
+    pub(super) light_option: &'static str,
+    /// True if what sampling warns of was said before.
+    pub(super) is_quiet: bool,
+    /// Options of a mesh alone that becomes the fewest splats with a stated error.
+    pub(super) fewer: Option<&'a FewerOptions>,
+}
+
+impl Conversion<'_> {
+    /// Converts the inputs, one after another.
+    ///
+    /// # Errors
+    /// The errors of reading, sampling and converting; light that lights nothing; inputs that all hold nothing to draw.
+    pub(super) fn converted(&self, inputs: &[Input], bar: &ProgressBar) -> Result<Converted> {
+        let mut converted = Converted {
+            is_quiet: self.is_quiet,
+            ..Converted::default()
+        };
+        let mut nothing = None;
+        for (input, options) in inputs.iter().zip(self.options(inputs)?) {
+            let path = &input.path;
+            bar.set_message(format!("converting {}", path.display()));
+            match self.add(&mut converted, (input, &options), inputs.len() == 1, bar) {
+                Err(error) if inputs.len() > 1 && error.holds_nothing() => {
+                    let note = format!("{}: holds nothing to draw: left out", path.display());
+                    converted.notes.push(note);
+                    nothing.get_or_insert(error);
+                }
+                added => added?,
+            }
+            bar.inc(1);
+        }
+        if let Some(error) = nothing.filter(|_| converted.ups.is_empty()) {
+            return Err(error);
+        }
+        if self.light.is_some() && !converted.is_lit {
+            return Err(nothing_lit(self.light_option));
+        }
+        Ok(converted)
+    }
+
+    /// Converts an input.
+    ///
+    /// - `is_only`: whether there is no other.
+    fn add(
+        &self,
+        converted: &mut Converted,
+        (input, options): (&Input, &SampleOptions),
+        is_only: bool,
+        bar: &ProgressBar,
+    ) -> Result<()> {
+        let path = &input.path;
+        let dataset = self.data.open(input)?;
+        for note in &dataset.notes {
+            converted.notes.push(format!("{}: {note}", path.display()));
+        }
+        let up = dataset.up();
+        let dataset = as_surface(dataset, options)?;
+        let is_shown_surface = is_surface(&dataset) || options.flatten.is_some();
+        let of_surfaces = self.of_surfaces.as_ref().filter(|_| is_shown_surface);
+        let light = self.light.as_ref().or(of_surfaces);
+        let light = light.map(|light| (light, up.direction));
+        let most = self.fewer.map(|fewer| fewer.of_mesh(&dataset, options));
+        let most = most.transpose()?.flatten();
+        let most = most.filter(|_| is_only && light.is_none());
+        match most {
+            Some(most) => converted.add_fewest(dataset, options, (most, up.direction), bar)?,
+            None => converted.add(dataset, options, light, bar)?,
+        }
+        converted.ups.push((path.clone(), up));
+        Ok(())
+    }
+
     /// Returns the sampling options of each input. Meshes share the surfel count that one mesh
     /// would get. Data without a named field show a field that they have in common.
     fn options(&self, inputs: &[Input]) -> Result<Vec<SampleOptions>> {
         let width = self.width.or(self.data.kernel_width);
-        let is_lit = self.light.lighting().is_some();
+        let is_lit = self.light.is_some() || self.of_surfaces.is_some();
         let options = self.data.sample_options().for_splats(width, is_lit);
         let all = inputs.iter().map(|input| input.sample_options(&options));
         let mut all: Vec<SampleOptions> = all.collect();
@@ -275,7 +326,9 @@ impl Arguments {
         }
         Ok(all)
     }
+}
 
+impl Arguments {
     /// Refuses a rule of drawing: files of splats state none but a mark, which stays as it is.
     fn check_rule(&self) -> Result<()> {
         if self.data.splat_rule.is_none() {
@@ -380,6 +433,11 @@ fn mesh_summary(path: &Path, report: &MeshReport) -> Value {
 }
 
 impl Converted {
+    /// Returns true if any input was a mesh.
+    pub(super) fn has_meshes(&self) -> bool {
+        !self.meshes.is_empty()
+    }
+
     /// Converts a data set and adds its splats.
     ///
     /// - `light`: lighting of surfaces and fields, and the direction up of its cameras.
@@ -413,7 +471,8 @@ impl Converted {
                 match sampled.report.mesh {
                     Some(mesh) => self.meshes.push(mesh_summary(&path, &mesh)),
                     None => {
-                        for line in sampled.report.warnings() {
+                        let warnings = (!self.is_quiet).then(|| sampled.report.warnings());
+                        for line in warnings.into_iter().flatten() {
                             bar.suspend(|| super::progress::note!("{}: {line}", path.display()));
                         }
                     }

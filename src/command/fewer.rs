@@ -21,7 +21,7 @@ use crate::{Error, Result};
 /// Share of the splats that are left by one step towards a stated error.
 const STEP: f64 = 0.8;
 /// Directions of the compared pictures: degrees around the axis that points up.
-const AZIMUTHS_DEG: [f64; 4] = [30.0, 120.0, 210.0, 300.0];
+pub(super) const AZIMUTHS_DEG: [f64; 4] = [30.0, 120.0, 210.0, 300.0];
 
 /// Options for merging splats.
 #[derive(Args)]

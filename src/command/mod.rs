@@ -1,4 +1,4 @@
-//! Defines the command line (`render`, `info`, `convert`, `formats`, `compare`, `verify`, `measure`,
+//! Defines the command line (`render`, `info`, `convert`, `export`, `formats`, `compare`, `verify`, `measure`,
 //! `completions`, `man`) and the parts of it that other front ends use.
 
 /// Prints a line. If the reader of the pipe has gone (`| head`), it ends the program quietly.
@@ -29,6 +29,7 @@ mod convert;
 mod cut;
 mod driver;
 mod edits;
+mod export;
 mod fewer;
 mod fewest;
 mod files;
@@ -134,6 +135,8 @@ enum Command {
     Info(Box<info::Arguments>),
     /// Turn data into a file of splats for viewers of radiance fields, or into a prepared scene
     Convert(Box<convert::Arguments>),
+    /// Write a page for browsers that shows data, in one file with its program
+    Export(Box<export::Arguments>),
     /// Show data in a window
     View(view::Arguments),
     /// List the formats that are read
@@ -196,6 +199,7 @@ pub fn main_of(words: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Render(mut arguments) => render::run(&mut arguments),
         Command::Info(arguments) => info::run(&arguments),
         Command::Convert(arguments) => convert::run(&arguments),
+        Command::Export(mut arguments) => export::run(&mut arguments),
         Command::View(arguments) => view::run(&arguments),
         Command::Formats(arguments) => {
             formats::run(&arguments);

@@ -368,6 +368,25 @@ pub(crate) fn share(text: &str) -> Result<f64, String> {
     }
 }
 
+/// Parses a number of bytes, perhaps with k, M or G behind it: thousands, millions, thousands of millions.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "the number is between 1 and 1e15"
+)]
+pub(crate) fn bytes(text: &str) -> Result<u64, String> {
+    let (number, factor) = match text.strip_suffix(['k', 'K', 'M', 'G']) {
+        None => (text, 1.0),
+        Some(number) if text.ends_with('M') => (number, 1e6),
+        Some(number) if text.ends_with('G') => (number, 1e9),
+        Some(number) => (number, 1e3),
+    };
+    match number.parse::<f64>().map(|number| number * factor) {
+        Ok(bytes) if (1.0..=1e15).contains(&bytes) => Ok(bytes as u64),
+        _ => Err("a number of bytes above 0, such as 20M".into()),
+    }
+}
+
 /// Parses a range of values `LO,HI`.
 pub(crate) fn range(text: &str) -> Result<[f64; 2], String> {
     match finite_numbers(text).and_then(|v| <[f64; 2]>::try_from(v).ok()) {

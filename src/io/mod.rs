@@ -28,6 +28,9 @@ mod vtk;
 #[cfg(feature = "prepared")]
 pub(crate) use self::bytes::atomic::write_atomically;
 pub use self::bytes::atomic::write_bytes_atomically;
+pub use self::bytes::file::Ranges;
+#[cfg(feature = "cli")]
+pub(crate) use self::folder::of_folder;
 pub use self::format::{Family, Format};
 pub(crate) use self::formats::recognise;
 pub use self::formats::{format_of, formats};
@@ -48,8 +51,8 @@ pub(crate) use self::picture::count_file::shown_count;
 pub use self::picture::count_file::write_count;
 pub use self::picture::deep_file::{check_deep_path, write_deep};
 #[cfg(feature = "cli")]
-#[cfg(feature = "cli")]
 pub(crate) use self::picture::fits::{is_fits, write_sky, write_sky_column};
+#[cfg(feature = "cli")]
 pub(crate) use self::picture::image_file::write_image_with;
 pub use self::picture::image_file::{
     check_depth_path, check_folder, check_image_path, png_bytes, read_depth, read_image,

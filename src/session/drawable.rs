@@ -8,6 +8,7 @@ use glam::DVec3;
 use super::options::{Opening, Sampling};
 use super::source::{Data, Source, is_empty};
 use crate::error::{Error, Result};
+use crate::io::Ranges;
 use crate::io::bytes::file::Input;
 use crate::io::{
     Association, Dataset, Field, FieldSource, Geometry, OpenOptions, StepChoice, Up, format_of,
@@ -87,20 +88,20 @@ impl Drawable {
         Self::of_files(path, None, how, sampling)
     }
 
-    /// Opens a file whose bytes are in memory, as [`open`](Self::open) does from the disk. Folders cannot be listed.
+    /// Opens a file that the caller reads in ranges, as [`open`](Self::open) does from the disk. Folders cannot be listed.
     ///
-    /// - `beside`: returns the bytes of other files that it names, by their paths, which begin with the folder of `name`.
+    /// - `beside`: returns other files that it names, by their paths, which begin with the folder of `name`.
     ///
     /// # Errors
     /// The errors of [`open`](Self::open); `beside` returns `None` for a file that is needed.
     pub fn open_with(
         name: &str,
-        bytes: &[u8],
-        beside: &dyn Fn(&Path) -> Option<Vec<u8>>,
+        file: &dyn Ranges,
+        beside: &dyn Fn(&Path) -> Option<Box<dyn Ranges>>,
         how: &Opening,
         sampling: &Sampling,
     ) -> Result<Self> {
-        let main = Input::of_bytes(Path::new(name), bytes, beside);
+        let main = Input::of_ranges(Path::new(name), file, beside);
         Self::of_files(main.path, Some(main), how, sampling)
     }
 

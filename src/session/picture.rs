@@ -121,6 +121,14 @@ impl Session {
         self.agreed("the end of a picture", drawn)
     }
 
+    /// Prepares the scene of a picture of a checked size, which pictures of these settings then draw.
+    ///
+    /// # Errors
+    /// As [`with_picture`](Self::with_picture).
+    pub fn ready(&self, request: PictureRequest<'_>, task: &Task) -> Result<()> {
+        self.prepared(request, false, task).map(drop)
+    }
+
     /// Draws a picture of a checked size. If ranks share the data, the images are those of the first rank; others get
     /// nothing of use.
     ///

@@ -9,7 +9,9 @@ use crate::common::real_data;
 use crate::support::Folder;
 use crate::support::meshes::png;
 use crate::support::seeds::seeds;
-use ewa_splat::io::{Association, Dataset, OpenOptions, RawLayout, RawType, open, read, read_with};
+use ewa_splat::io::{
+    Association, Dataset, OpenOptions, Ranges, RawLayout, RawType, open, read, read_with,
+};
 
 /// Formats a data set as text, so that NaN equals NaN.
 fn text(data: &Dataset) -> String {
@@ -100,7 +102,8 @@ fn drawables_are_the_same() {
         let (how, own): (Opening, Sampling) =
             Said::all(Some(settings), |said| Ok((opening(said)?, sampling(said)?))).unwrap();
         let bytes = std::fs::read(&path).unwrap();
-        let beside = |path: &Path| std::fs::read(path).ok();
+        let beside =
+            |path: &Path| -> Option<Box<dyn Ranges>> { Some(Box::new(std::fs::read(path).ok()?)) };
         let file = Drawable::open(&path, &how, &own);
         let memory = Drawable::open_with(path.to_str().unwrap(), &bytes, &beside, &how, &own);
         match (file, memory) {

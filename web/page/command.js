@@ -37,6 +37,7 @@ export function request(state, size, tolerance) {
       lit: s.light === 'on' && !s.direction ? true : s.light === 'off' ? false : undefined,
       lights: s.light === 'on' && s.direction ? [[...s.direction, 1, 1, 1]] : undefined,
       shadows: s.shadows && s.light !== 'off' ? true : undefined,
+      shadow_softness: s.shadows && s.light !== 'off' ? s.softness : undefined,
       clip,
       background: s.background ? linear(s.background) : undefined,
       transfer_function: edited ?? undefined,
@@ -70,6 +71,7 @@ const SETTINGS = {
   tolerance: [(x) => finite(x) && x > 0 && x < 1, 'a number between 0 and 1'],
   surface: flag,
   shadows: flag,
+  softness: [(x) => finite(x) && x >= 0 && x <= 15, 'degrees from 0 to 15'],
   columns: flag,
   range: ordered,
   direction,
@@ -180,6 +182,7 @@ export function line(state, name, size, out) {
     if (s.light === 'on' && !s.direction) words.push('--lit');
     if (s.light === 'on' && s.direction) option('light', list(s.direction));
     if (s.shadows && s.light !== 'off') words.push('--shadows');
+    if (s.shadows && s.light !== 'off') option('shadow-softness', s.softness);
     // Pictures in numbers are transparent by default.
     if (s.background !== BACKGROUND || !out.endsWith('.png')) option('background', s.background || 'none');
   }

@@ -33,7 +33,7 @@ let drawn = null;
 // The smallest module that has an instruction on vectors.
 const SIMD = new Uint8Array([0, 97, 115, 109, 1, 0, 0, 0, 1, 5, 1, 96, 0, 1, 123, 3, 2, 1, 0, 10, 10, 1, 8, 0, 65, 0, 253, 15, 253, 98, 11]);
 
-/** Program and data of a page in one file (`web/export`). */
+/** Program and data of a page in one file (`ewa-splat export`). */
 const embedded = at('embedded') && JSON.parse(at('embedded').textContent);
 
 /** Unpacks what a page in one file holds. */
@@ -70,12 +70,12 @@ async function begin() {
   const { source, script, wasm, isText } = await sources();
   // No module: browsers load those of pages in one file by no address.
   worker = new Worker(source);
-  worker.onmessage = ({ data: { id, found, error, stopped } }) => {
+  worker.onmessage = ({ data: { id, found, error, stopped, cancelled } }) => {
     const { resolve, reject } = calls.get(id) ?? {};
     calls.delete(id);
     if (error) {
       if (stopped && isStarted) restart();
-      (reject ?? tell)(new Error(error));
+      (reject ?? tell)(Object.assign(new Error(error), { cancelled }));
     } else resolve?.(found);
   };
   worker.onerror = (event) => {
@@ -191,10 +191,42 @@ function stageSize() {
   return [box.width, box.height].map((x) => Math.max(16, Math.round(x * ratio)));
 }
 
+/** The work that can be cancelled, with its signals: addresses of sampling and of drawing. */
+let work = null;
+
+/** Calls the worker for something that can be cancelled; undefined if it was. */
+async function cancellable(name, given, about) {
+  const signals = [0, 1].map(() => URL.createObjectURL(new Blob(['.'], { type: 'application/x-signal' })));
+  const own = (work = { ...about, signals });
+  try {
+    return await call(name, { ...given, signals });
+  } catch (error) {
+    if (error.cancelled) {
+      document.body.dataset.cancelled = Number(document.body.dataset.cancelled ?? 0) + 1;
+      return undefined;
+    }
+    throw error;
+  } finally {
+    signals.forEach((signal) => URL.revokeObjectURL(signal));
+    if (work === own) work = null;
+  }
+}
+
+/** Cancels what is drawn; data are sampled on unless `isAll`. */
+function cancel(isAll) {
+  work?.signals.slice(isAll ? 0 : 1).forEach((signal) => URL.revokeObjectURL(signal));
+}
+
+/** What the scene of a picture depends on. */
+const sampled = () => JSON.stringify([state.settings.columns, command.request(state, [1, 1]).sampling]);
+
 /** Asks for a picture: coarse while something moves, and afterwards a fine one. */
 function redraw(isMoving) {
   if (!about) return;
   writeCommand();
+  // A picture in motion is shown; one of other data is not.
+  const isOther = work && work.sampled !== sampled();
+  if (isOther || !work?.isCoarse) cancel(isOther);
   next = isMoving ? 'coarse' : 'fine';
   clearTimeout(restTimer);
   if (!isDrawing) drawAll();
@@ -239,8 +271,9 @@ async function draw(isCoarse) {
   const own = state.settings.tolerance ?? 1 / 255;
   const tolerance = isCoarse ? Math.min(own * COARSE, 0.5) : state.settings.tolerance;
   const request = command.request(state, size, tolerance);
-  const found = await call('draw', { columns: state.settings.columns, request, isNew });
-  if (begun !== loads) return;
+  const given = { columns: state.settings.columns, request, isNew };
+  const found = await cancellable('draw', given, { isCoarse, sampled: sampled() });
+  if (begun !== loads || !found) return;
   isNew = false;
   // Pictures in motion take about as long as one can wait for.
   if (isCoarse) motionScale = Math.min(1, Math.max(0.1, scale * Math.sqrt(MOTION_MS / Math.max(found.ms, 5)) ** 0.7));
@@ -273,7 +306,7 @@ async function afterwards() {
     fillRange();
   }
   if (!next && drawn.ms < MEASURED_MS) {
-    const error = await call('measure');
+    const error = await cancellable('measure', {}, { sampled: sampled() });
     if (error && !next && own === loads) say(error);
   }
 }
@@ -307,6 +340,7 @@ function rank(name) {
 
 async function load() {
   const own = ++loads;
+  cancel(true);
   isLoading = true;
   mark('busy');
   next = null;
@@ -418,6 +452,7 @@ function fill() {
   at('step').value = s.step ?? '';
   at('surface').checked = !!s.surface;
   at('shadows').checked = !!s.shadows;
+  at('softness').value = s.softness ?? '';
   at('columns').checked = !!s.columns;
   at('direction').value = s.direction?.join(', ') ?? '';
   at('background').value = s.background || command.BACKGROUND;
@@ -557,7 +592,15 @@ on('tolerance', () => set('tolerance', number('tolerance', 'a number between 0 a
 on('composite', ({ value }) => set('composite', value));
 on('thickness', () => set('thickness', number('thickness', 'a number above 0', (x) => x > 0)));
 on('light', ({ value }) => set('light', value));
-on('shadows', ({ checked }) => set('shadows', checked));
+on('shadows', ({ checked }) => {
+  set('shadows', checked);
+  if (!checked) set('softness', (at('softness').value = ''));
+});
+on('softness', () => {
+  const softness = number('softness', 'degrees from 0 to 15', (x) => x >= 0 && x <= 15);
+  set('softness', softness);
+  if (softness !== undefined) set('shadows', (at('shadows').checked = true));
+});
 on('direction', ({ value }) => {
   const numbers = value.split(/[\s,]+/).filter(Boolean).map(Number);
   if (numbers.length && (numbers.length !== 3 || numbers.some((x) => !Number.isFinite(x)))) {

@@ -1,6 +1,8 @@
 // The worker that holds the module and the data. It does one thing at a time, in the order of messages.
 
 let module, scene, device, adapter, last;
+/** True if the page can cancel work. */
+let hasSignals = false;
 
 /**
  * Loads the module and opens a device.
@@ -10,6 +12,10 @@ let module, scene, device, adapter, last;
 async function start({ backend, script, wasm }) {
   const address = typeof script === 'string' ? script : URL.createObjectURL(new Blob([script], { type: 'text/javascript' }));
   module = await import(address);
+  const own = URL.createObjectURL(new Blob(['.']));
+  hasSignals = isThere(own);
+  URL.revokeObjectURL(own);
+  hasSignals &&= !isThere(own);
   await module.default({ module_or_path: wasm });
   let why = 'chosen';
   if (backend !== 'cpu') {
@@ -42,6 +48,32 @@ async function opened(isAskedFor) {
   }
 }
 
+/** Returns true until an address of the page's own is revoked. */
+function isThere(address) {
+  const request = new XMLHttpRequest();
+  try {
+    request.open('GET', address, false);
+    request.send();
+  } catch {
+    return false;
+  }
+  return request.status === 200;
+}
+
+/** True if the call that is under way was cancelled. */
+let isCancelled = false;
+
+/**
+ * Returns a function that says whether work is to end. A worker receives no message while it works, but it sees that an
+ * address is revoked.
+ *
+ * - `signals`: addresses that are there until the sampling, or the drawing, is to end.
+ */
+function asker(signals) {
+  if (!signals || !hasSignals) return undefined;
+  return (isDrawing) => (isCancelled = !isThere(signals[isDrawing ? 1 : 0]));
+}
+
 /** The parts of a path without `.` and `..`, but for those that leave its first folder. */
 function plain(path) {
   const parts = [];
@@ -61,17 +93,22 @@ function addressed(path, base) {
   return address.origin === new URL(base).origin ? address : undefined;
 }
 
+/** A file in the form that the module reads, a range at a time. */
+function ranged(file) {
+  const bytes = (blob) => new Uint8Array(new FileReaderSync().readAsArrayBuffer(blob));
+  return { size: file.size, read: (from, length) => bytes(file.slice(from, from + length)) };
+}
+
 /** Returns a function that reads other files: of those given, or from the same address. */
 function reader(files, base) {
   const named = new Map(files.map(({ name, file }) => [plain(name), file]));
   const last = (path) => plain(path).split('/').pop();
   // Files that are picked one by one have lost their folders; in a folder, another's file of the same name is not meant.
   const isFlat = !base && files.every(({ name }) => plain(name) === last(name));
-  const bytes = (file) => new Uint8Array(new FileReaderSync().readAsArrayBuffer(file));
   return (path) => {
     const same = isFlat ? files.filter(({ name }) => plain(name) === last(path)) : [];
     const given = named.get(plain(path)) ?? (same.length === 1 ? same[0].file : undefined);
-    if (given) return bytes(given);
+    if (given) return ranged(given);
     if (!base) return undefined;
     const request = new XMLHttpRequest();
     try {
@@ -95,26 +132,26 @@ const calls = {
     close();
     const beside = reader(files, base);
     const main = files.find((file) => file.name === name).file;
-    const bytes = new Uint8Array(new FileReaderSync().readAsArrayBuffer(main));
-    scene = module.Scene.open(name, bytes, JSON.stringify(settings), beside);
+    scene = module.Scene.open(name, ranged(main), JSON.stringify(settings), beside);
     if (device) scene.on(device);
     return { ...JSON.parse(scene.about), memory: module.memoryBytes() };
   },
 
   /** Draws a picture or columns. */
-  async draw({ columns, request, isNew }) {
+  async draw({ columns, request, isNew, signals }) {
     forget();
     if (isNew) scene.renew();
     const begun = performance.now();
-    last = columns ? scene.columns(JSON.stringify(request)) : await scene.render(JSON.stringify(request));
+    const text = JSON.stringify(request);
+    last = columns ? scene.columns(text, asker(signals)) : await scene.render(text, asker(signals));
     const pixels = last.pixels();
     const about = JSON.parse(last.about);
     return { pixels, about, size: request.size, ms: performance.now() - begun, memory: module.memoryBytes() };
   },
 
   /** Measures the error of the last picture. */
-  measure() {
-    const measured = scene.measure();
+  measure({ signals }) {
+    const measured = scene.measure(asker(signals));
     return measured ? JSON.parse(measured) : null;
   },
 
@@ -160,7 +197,7 @@ function described(error) {
   const text = stopped
     ? `the program has stopped: ${globalThis.panicked ?? 'most likely the data do not fit into 4 GiB, the most that a page has'}`
     : error?.message ?? `${error}`;
-  return { error: text, stopped };
+  return { error: text, stopped, cancelled: isCancelled && !stopped };
 }
 
 let queue = Promise.resolve();
@@ -169,6 +206,7 @@ let running;
 onmessage = ({ data: { id, call, ...given } }) => {
   queue = queue.then(async () => {
     running = id;
+    isCancelled = false;
     try {
       const found = await calls[call](given);
       const moved = [found, found?.pixels].filter((bytes) => ArrayBuffer.isView(bytes));

@@ -4,9 +4,11 @@
 
 mod camera;
 mod column;
+mod file;
 mod legend;
 mod picture;
 mod scene;
+mod signal;
 
 use ewa_splat::render::{AdapterChoice, Gpu};
 use ewa_splat::scene::{TransferDefaults, TransferFunction};

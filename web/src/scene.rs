@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use ewa_splat::io::{column_colours, column_picture};
+use ewa_splat::io::{Ranges, column_colours, column_picture};
 use ewa_splat::legend::{ColourBar, name_without_unit};
 use ewa_splat::measure::ErrorSample;
 use ewa_splat::render::Gpu;
@@ -20,8 +20,9 @@ use wasm_bindgen::prelude::*;
 
 use crate::camera::{GivenView, described};
 use crate::column::Column;
+use crate::file::Given;
 use crate::picture::Picture;
-use crate::{Device, legend, thrown};
+use crate::{Device, legend, signal, thrown};
 
 /// Data in memory with the scene made of them.
 #[wasm_bindgen]
@@ -32,6 +33,8 @@ pub struct Scene {
     session: Session,
     /// Sampling options of the session, as text.
     sampling: String,
+    /// Kind of the scene that was made last: nothing of it is sampled again. Empty if it is not known.
+    made: String,
     device: Option<Gpu>,
     /// True if the session draws on the device.
     is_on_device: bool,
@@ -84,15 +87,19 @@ impl Scene {
     /// Opens a file.
     ///
     /// - `name`: its name, perhaps with folders. Errors contain it.
-    /// - `bytes`: its bytes.
+    /// - `file`: its bytes; or an object with its `size`, and `read(from, length)`, which returns bytes. Such a file is read
+    ///   in ranges, and is not held whole where its format allows it.
     /// - `settings`: options for opening and sampling, as JSON, with the command line's names.
-    /// - `beside`: returns the bytes of another file by its path, or undefined.
+    /// - `beside`: returns another file by its path, in the same form, or undefined.
     ///
     /// # Errors
     /// Unreadable files, with the command line's words; settings that do not apply.
     pub fn open(
         name: &str,
-        bytes: Vec<u8>,
+        #[wasm_bindgen(
+            unchecked_param_type = "Uint8Array | { size: number, read: (from: number, length: number) => Uint8Array }"
+        )]
+        file: JsValue,
         settings: &str,
         beside: &js_sys::Function,
     ) -> Result<Scene, JsError> {
@@ -101,11 +108,11 @@ impl Scene {
         let beside = |path: &Path| {
             let path = JsValue::from_str(&path.to_string_lossy());
             let found = beside.call1(&JsValue::NULL, &path).ok()?;
-            let bytes: js_sys::Uint8Array = found.dyn_into().ok()?;
-            Some(bytes.to_vec())
+            Given::of(found).map(|file| Box::new(file) as Box<dyn Ranges>)
         };
-        let opened = Drawable::open_with(name, &bytes, &beside, &how, &own).map_err(thrown)?;
-        drop(bytes);
+        let expected = "file: expected bytes, or an object with size and read, found another value";
+        let file = Given::of(file).ok_or_else(|| thrown(expected))?;
+        let opened = Drawable::open_with(name, &file, &beside, &how, &own).map_err(thrown)?;
         let session = Session::new(
             vec![Arc::new(opened.sampled_by(&own).map_err(thrown)?)],
             Backend::Cpu,
@@ -115,6 +122,7 @@ impl Scene {
             opened,
             session,
             sampling: String::new(),
+            made: String::new(),
             device: None,
             is_on_device: false,
             last: None,
@@ -157,10 +165,16 @@ impl Scene {
     /// Draws a picture.
     ///
     /// - `request`: JSON with `size`, `view`, `sampling` and `drawing`; the names of the last two are the command line's.
+    /// - `cancelled`: returns true if the work is to end, and is asked some sixty times a second; its argument is false
+    ///   while data are sampled, and true while the picture is drawn.
     ///
     /// # Errors
-    /// Data that cannot be sampled; settings that do not apply.
-    pub async fn render(&mut self, request: String) -> Result<Picture, JsError> {
+    /// Data that cannot be sampled; settings that do not apply; cancelled work.
+    pub async fn render(
+        &mut self,
+        request: String,
+        cancelled: Option<js_sys::Function>,
+    ) -> Result<Picture, JsError> {
         let request = Request::parse(&request)?;
         self.sample_by(&text_of(&request.sampling))?;
         let is_on_device = self.device.is_some();
@@ -172,7 +186,8 @@ impl Scene {
             size: request.size,
             drawing: &drawing,
         };
-        let task = Task::new();
+        let cancelled = cancelled.as_ref();
+        let task = signal::task(cancelled, false);
         // A session keeps its function until it is told of another: none is told as well.
         self.session
             .set_transfer(drawing.transfer.clone(), &task)
@@ -191,6 +206,13 @@ impl Scene {
             Ok((about, last))
         };
         self.last = None;
+        let made = format!("picture {}", self.sampling);
+        if made != self.made {
+            self.made.clear();
+            self.session.ready(request, &task).map_err(thrown)?;
+            self.made = made;
+        }
+        let task = signal::task(cancelled, true);
         let drawn = self.session.render_async(request, &task, further).await;
         let (drawn, (about, last)) = drawn.map_err(thrown)?;
         self.last = Some(last);
@@ -204,13 +226,18 @@ impl Scene {
     /// Measures the error of the last picture by tiles that are drawn again with everything exact. Returns JSON, or
     /// undefined if a device drew it or there is none.
     ///
+    /// - `cancelled`: as for pictures.
+    ///
     /// # Errors
-    /// Settings that cannot be drawn exactly.
-    pub fn measure(&mut self) -> Result<Option<String>, JsError> {
+    /// Settings that cannot be drawn exactly; cancelled work.
+    pub fn measure(
+        &mut self,
+        cancelled: Option<js_sys::Function>,
+    ) -> Result<Option<String>, JsError> {
         let Some(last) = self.last.as_ref().filter(|_| !self.is_on_device) else {
             return Ok(None);
         };
-        let task = Task::new();
+        let task = signal::task(cancelled.as_ref(), true);
         let mut state = self.session.lock(&task).map_err(thrown)?;
         let ready = state.opened(&last.camera).map_err(thrown)?;
         let thickness = ready.renderer.layers().map(|layers| layers.thickness);
@@ -220,6 +247,7 @@ impl Scene {
         };
         let settings = Settings {
             composite,
+            task: Some(task.clone()),
             ..last.settings.clone()
         };
         let sample =
@@ -275,10 +303,15 @@ impl Scene {
     ///
     /// - `request`: as for pictures; `drawing` may have `of`, `mean`, `slice`, `clip`, `tolerance`, `filter`, `low_pass`
     ///   and `cutoff`, and `map`, `range` and `scale` of the colours.
+    /// - `cancelled`: as for pictures.
     ///
     /// # Errors
-    /// Data that cannot be sampled or summed; settings that do not apply.
-    pub fn columns(&mut self, request: &str) -> Result<Column, JsError> {
+    /// Data that cannot be sampled or summed; settings that do not apply; cancelled work.
+    pub fn columns(
+        &mut self,
+        request: &str,
+        cancelled: Option<js_sys::Function>,
+    ) -> Result<Column, JsError> {
         let request = Request::parse(request)?;
         self.sample_by(&text_of(&request.sampling))?;
         self.place(false, false)?;
@@ -294,7 +327,11 @@ impl Scene {
             mean: given.mean.as_deref(),
             slice: given.slice,
         };
-        let drawn = self.session.columns(own, &Task::new()).map_err(thrown)?;
+        let made = format!("columns {:?} {:?} {}", given.of, given.mean, self.sampling);
+        let task = signal::task(cancelled.as_ref(), made == self.made);
+        self.made.clear();
+        let drawn = self.session.columns(own, &task).map_err(thrown)?;
+        self.made = made;
         given.coloured(drawn)
     }
 }

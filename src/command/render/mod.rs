@@ -9,6 +9,7 @@
 //! | `projection.rs` | panoramas |
 //! | `exposure.rs`, `exposed.rs` | lens and shutter |
 //! | `backdrop.rs` | what stands in the picture already |
+//! | `shown.rs` | the scene of a picture, for other commands |
 //! | `image.rs` | one picture |
 //! | `sequence.rs` | sequences of pictures |
 //! | `reference.rs` | the reference image |
@@ -32,6 +33,7 @@ mod reference;
 mod scene;
 mod sequence;
 mod settings;
+mod shown;
 mod tiles;
 mod written;
 
@@ -44,6 +46,7 @@ use self::exposed::Sequence;
 use self::image::{Picture, blend_of};
 pub(super) use self::options::{Arguments, BackendName};
 use self::scene::ReadyScene;
+pub(super) use self::shown::Shown;
 pub(super) use self::tiles::{Comparison, DEFAULT_TILES, Found};
 use super::annotations::Overlays;
 use super::progress::{note, spinner, task_of};

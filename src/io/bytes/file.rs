@@ -5,7 +5,8 @@
 use std::borrow::Cow;
 use std::fmt;
 use std::fs::{self, File};
-use std::io::{self, Cursor, Read};
+use std::io::{self, BufReader, Cursor, Read};
+use std::ops::Deref;
 use std::path::{Component, Path, PathBuf};
 
 use crate::error::{Error, Result};
@@ -96,11 +97,82 @@ pub(crate) struct Input<'a> {
     memory: Option<Memory<'a>>,
 }
 
-/// Bytes of a file, and a function that returns the bytes of other files by path.
+/// A file that a caller reads in ranges.
+pub trait Ranges {
+    /// Returns the length in bytes.
+    fn len(&self) -> u64;
+
+    /// Fills `into` with the bytes from byte `from` on.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or ends before.
+    fn read_at(&self, from: u64, into: &mut [u8]) -> io::Result<()>;
+
+    /// Returns true if there are no bytes.
+    fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+impl Ranges for Vec<u8> {
+    fn len(&self) -> u64 {
+        self.as_slice().len() as u64
+    }
+
+    fn read_at(&self, from: u64, into: &mut [u8]) -> io::Result<()> {
+        let from = usize::try_from(from).ok().and_then(|from| self.get(from..));
+        from.unwrap_or_default().read_exact(into)
+    }
+}
+
+/// Returns another file by its path.
+pub(crate) type FindRanges<'a> = &'a dyn Fn(&Path) -> Option<Box<dyn Ranges>>;
+
+/// A file in memory or in ranges, with a function that returns others by path.
 #[derive(Clone, Copy)]
-struct Memory<'a> {
-    bytes: &'a [u8],
-    beside: &'a dyn Fn(&Path) -> Option<Vec<u8>>,
+enum Memory<'a> {
+    Bytes(&'a [u8], &'a dyn Fn(&Path) -> Option<Vec<u8>>),
+    Ranges(&'a dyn Ranges, FindRanges<'a>),
+}
+
+/// Reads a file from its start, a range at a time.
+struct InRanges<F> {
+    file: F,
+    at: u64,
+}
+
+impl<F: Deref<Target: Ranges>> InRanges<F> {
+    /// Bytes of a range.
+    const RANGE: usize = 1 << 20;
+
+    fn open(file: F) -> BufReader<Self> {
+        BufReader::with_capacity(Self::RANGE, Self { file, at: 0 })
+    }
+}
+
+impl<F: Deref<Target: Ranges>> Read for InRanges<F> {
+    fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+        let left = self.file.len().saturating_sub(self.at);
+        let count = usize::try_from(left).map_or(into.len(), |left| left.min(into.len()));
+        self.file.read_at(self.at, &mut into[..count])?;
+        self.at += count as u64;
+        Ok(count)
+    }
+}
+
+/// Reads all bytes of a file.
+fn whole(path: &Path, file: &dyn Ranges) -> Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    let len = usize::try_from(file.len()).unwrap_or(usize::MAX);
+    let has_room = trying(|| bytes.try_reserve_exact(len).is_ok());
+    let read = match has_room {
+        true => InRanges::open(file).read_to_end(&mut bytes),
+        false => Err(io::ErrorKind::OutOfMemory.into()),
+    };
+    match read {
+        Ok(_) => Ok(bytes),
+        Err(e) => Err(Error::io(path, "reading", e, "use a smaller file")),
+    }
 }
 
 impl<'a> Input<'a> {
@@ -115,7 +187,14 @@ impl<'a> Input<'a> {
         bytes: &'a [u8],
         beside: &'a dyn Fn(&Path) -> Option<Vec<u8>>,
     ) -> Self {
-        let memory = Some(Memory { bytes, beside });
+        let memory = Some(Memory::Bytes(bytes, beside));
+        Self { path, memory }
+    }
+
+    /// Creates an input from a file that is read in ranges; `beside` returns the files that it names.
+    #[cfg(all(feature = "legend", feature = "prepared"))]
+    pub(crate) fn of_ranges(path: &'a Path, file: &'a dyn Ranges, beside: FindRanges<'a>) -> Self {
+        let memory = Some(Memory::Ranges(file, beside));
         Self { path, memory }
     }
 
@@ -131,22 +210,35 @@ impl<'a> Input<'a> {
                 let (file, len) = open_regular(self.path)?;
                 Ok((Box::new(file), len))
             }
-            Some(memory) => {
-                let bytes = self.not_empty(memory.bytes)?;
+            Some(Memory::Bytes(bytes, _)) => {
+                self.check_length(bytes.len() as u64)?;
                 Ok((Box::new(bytes), bytes.len() as u64))
+            }
+            Some(Memory::Ranges(file, _)) => {
+                self.check_length(file.len())?;
+                Ok((Box::new(InRanges::open(file)), file.len()))
             }
         }
     }
 
     /// Opens another file as [`Input::open`] does.
     pub(crate) fn open_beside(&self, path: &Path) -> Result<(Box<dyn Read + 'a>, u64)> {
-        if self.memory.is_none() {
-            let (file, len) = open_regular(path)?;
-            return Ok((Box::new(file), len));
+        match self.memory {
+            None => {
+                let (file, len) = open_regular(path)?;
+                Ok((Box::new(file), len))
+            }
+            Some(Memory::Bytes(..)) => {
+                let bytes = self.read_beside(path)?;
+                let len = bytes.len() as u64;
+                Ok((Box::new(Cursor::new(bytes)), len))
+            }
+            Some(Memory::Ranges(_, beside)) => {
+                let file = beside(path).ok_or_else(|| self.lacks(path))?;
+                let len = file.len();
+                Ok((Box::new(InRanges::open(file)), len))
+            }
         }
-        let bytes = self.read_beside(path)?;
-        let len = bytes.len() as u64;
-        Ok((Box::new(Cursor::new(bytes)), len))
     }
 
     /// Returns the first bytes, at most `count`, and the length of the whole input.
@@ -164,18 +256,25 @@ impl<'a> Input<'a> {
     pub(crate) fn read_all(&self) -> Result<Cow<'a, [u8]>> {
         match self.memory {
             None => read_all(self.path).map(Cow::Owned),
-            Some(memory) => self.not_empty(memory.bytes).map(Cow::Borrowed),
+            Some(Memory::Bytes(bytes, _)) => {
+                self.check_length(bytes.len() as u64)?;
+                Ok(Cow::Borrowed(bytes))
+            }
+            Some(Memory::Ranges(file, _)) => {
+                self.check_length(file.len())?;
+                whole(self.path, file).map(Cow::Owned)
+            }
         }
     }
 
-    fn not_empty(&self, bytes: &'a [u8]) -> Result<&'a [u8]> {
-        if bytes.is_empty() {
+    fn check_length(&self, len: u64) -> Result<()> {
+        if len == 0 {
             let advice = "give the bytes of a file";
             return Err(Error::format(
                 self.path, "opening", "data", "no bytes", advice,
             ));
         }
-        Ok(bytes)
+        Ok(())
     }
 
     /// Returns the length in bytes of another file, or `None` if there is no file of this path.
@@ -185,7 +284,8 @@ impl<'a> Input<'a> {
                 .ok()
                 .filter(fs::Metadata::is_file)
                 .map(|m| m.len()),
-            Some(memory) => (memory.beside)(path).map(|bytes| bytes.len() as u64),
+            Some(Memory::Bytes(_, beside)) => beside(path).map(|bytes| bytes.len() as u64),
+            Some(Memory::Ranges(_, beside)) => beside(path).map(|file| file.len()),
         }
     }
 
@@ -225,18 +325,25 @@ impl<'a> Input<'a> {
 
     /// Reads all bytes of another file.
     pub(crate) fn read_beside(&self, path: &Path) -> Result<Vec<u8>> {
-        let Some(memory) = self.memory else {
-            return read_all(path);
-        };
-        (memory.beside)(path).ok_or_else(|| {
-            Error::format(
-                self.path,
-                "files that it names",
-                format!("`{}`", path.display()),
-                "no such file beside bytes in memory",
-                "give its bytes, too",
-            )
-        })
+        match self.memory {
+            None => read_all(path),
+            Some(Memory::Bytes(_, beside)) => beside(path).ok_or_else(|| self.lacks(path)),
+            Some(Memory::Ranges(_, beside)) => {
+                let file = beside(path).ok_or_else(|| self.lacks(path))?;
+                whole(path, &*file)
+            }
+        }
+    }
+
+    /// Returns the error for a file that is not there.
+    fn lacks(&self, path: &Path) -> Error {
+        Error::format(
+            self.path,
+            "files that it names",
+            format!("`{}`", path.display()),
+            "no such file beside bytes in memory",
+            "give its bytes, too",
+        )
     }
 
     /// Calls `read` with another file as the input: from the disk, or from the bytes given for it.
@@ -247,9 +354,14 @@ impl<'a> Input<'a> {
     ) -> Result<T> {
         match self.memory {
             None => read(Input::of_file(path)),
-            Some(memory) => {
+            Some(Memory::Bytes(_, beside)) => {
                 let bytes = self.read_beside(path)?;
-                read(Input::of_bytes(path, &bytes, memory.beside))
+                read(Input::of_bytes(path, &bytes, beside))
+            }
+            Some(Memory::Ranges(_, beside)) => {
+                let file = beside(path).ok_or_else(|| self.lacks(path))?;
+                let memory = Some(Memory::Ranges(&*file, beside));
+                read(Input { path, memory })
             }
         }
     }
@@ -278,7 +390,10 @@ impl<'a> Input<'a> {
 
 impl fmt::Debug for Input<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let bytes = self.memory.map(|memory| memory.bytes.len());
+        let bytes = self.memory.map(|memory| match memory {
+            Memory::Bytes(bytes, _) => bytes.len() as u64,
+            Memory::Ranges(file, _) => file.len(),
+        });
         f.debug_struct("Input")
             .field("path", &self.path)
             .field("bytes", &bytes)
