@@ -272,6 +272,7 @@ async function draw(isCoarse) {
   const tolerance = isCoarse ? Math.min(own * COARSE, 0.5) : state.settings.tolerance;
   const request = command.request(state, size, tolerance);
   const given = { columns: state.settings.columns, request, isNew };
+  if (program.adapter && !drawn) status([`WebGPU: ${program.adapter}`, 'making the pipelines of this scene, which takes long once …']);
   const found = await cancellable('draw', given, { isCoarse, sampled: sampled() });
   if (begun !== loads || !found) return;
   isNew = false;

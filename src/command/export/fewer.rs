@@ -19,7 +19,7 @@ use crate::data::splats::SplatCloud;
 use crate::data::up::Up;
 use crate::image::{Image, linear_from_srgb};
 use crate::io::{OpenOptions, SplatFileOptions, open, write_splats};
-use crate::math::HARMONIC_0;
+use crate::math::{HARMONIC_0, rotation_matrix};
 use crate::measure::{FLIP_PIXELS_PER_DEGREE, flip};
 use crate::render::Composite;
 use crate::sample::fewer_splats;
@@ -31,6 +31,8 @@ use crate::{Error, Renderer, Result, Settings};
 const SPLATS: &str = "splats.glb";
 /// Name of the table of kernels.
 const KERNELS: &str = "kernels.csv";
+/// Least ratio of a kernel's axes in a table, whose variances have six digits.
+const FLATTEST: f64 = 1.0 / 200.0;
 /// Greatest opacity of a kernel in a table: of more, the depth is not known.
 const MOST_OPAQUE: f32 = 0.99999;
 /// Pixels along a side of the picture of the page's view.
@@ -290,8 +292,16 @@ fn is_absorbing(volume: &BlockedVolume) -> bool {
     !is_flat && !matches!(volume.strength, StrengthIn::PeakOpacity { .. })
 }
 
-/// Returns kernels as a table: places, shapes, opacities along the shortest axis and linear colours. Four digits keep them
-/// to a thousandth.
+/// Returns the variance of a kernel. None is so flat that the digits of a table could make it none.
+fn variance(cloud: &SplatCloud, i: usize) -> DMat3 {
+    let [w, x, y, z] = cloud.rotations[i].map(f64::from);
+    let scales = DVec3::from(cloud.scales[i].map(f64::from));
+    let scales = scales.max(DVec3::splat(FLATTEST * scales.max_element()));
+    let factor = rotation_matrix(DQuat::from_xyzw(x, y, z, w)) * DMat3::from_diagonal(scales);
+    factor * factor.transpose()
+}
+
+/// Returns kernels as a table: places, variances, opacities along the shortest axis and linear colours.
 fn table(cloud: &SplatCloud) -> String {
     let (low, step) = steps(&cloud.positions);
     // As many decimals as steps need.
@@ -306,14 +316,13 @@ fn table(cloud: &SplatCloud) -> String {
         reason = "between 0 and 300"
     )]
     let decimals = decimals as usize;
-    let mut text =
-        String::from("x,y,z,scale_0,scale_1,scale_2,rot_0,rot_1,rot_2,rot_3,opacity,r,g,b\n");
+    let mut text = String::from("x,y,z,vxx,vxy,vxz,vyy,vyz,vzz,opacity,r,g,b\n");
     let stride = cloud.harmonics_stride();
     for (i, position) in cloud.positions.iter().enumerate() {
         let place = near(*position, low, step).to_array();
-        let [w, x, y, z] = cloud.rotations[i];
-        let length = (w * w + x * x + y * y + z * z).sqrt();
-        let rotation = [w, x, y, z].map(|n| n / length);
+        let variance = variance(cloud, i);
+        let [x, y, z] = [variance.x_axis, variance.y_axis, variance.z_axis];
+        let shape = [x.x, x.y, x.z, y.y, y.z, z.z];
         let colours = &cloud.harmonics[i * stride..][..3];
         let light = |c: &f32| {
             let own = 0.5 + HARMONIC_0 * c;
@@ -331,8 +340,7 @@ fn table(cloud: &SplatCloud) -> String {
         };
         let words = place.map(|n| format!("{n:.decimals$}")).into_iter();
         let words = words
-            .chain(cloud.scales[i].map(|n| format!("{n:.3e}")))
-            .chain(rotation.map(|n| format!("{n:.4}")))
+            .chain(shape.map(|n| format!("{n:.5e}")))
             .chain([opacity])
             .chain(colours.iter().map(|c| format!("{:.4}", light(c))));
         text += &words.collect::<Vec<_>>().join(",");

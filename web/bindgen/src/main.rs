@@ -20,6 +20,8 @@ fn main() -> ExitCode {
             let bindgen = bindgen
                 .remove_name_section(true)
                 .remove_producers_section(true);
+            // Without an argument, the module is loaded from beside its script.
+            let bindgen = bindgen.omit_default_module_path(false);
             bindgen.typescript(true).generate(folder)
         });
     match written {
