@@ -32,6 +32,7 @@ mod edits;
 mod fewer;
 mod fewest;
 mod files;
+mod film;
 mod formats;
 mod info;
 mod info_table;
