@@ -1,14 +1,16 @@
-//! Writes sequences of pictures: numbered files, APNG or GIF.
+//! Writes sequences of pictures: numbered files, APNG, GIF or MP4.
 
 use std::cell::RefCell;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
+use super::film::Film;
+use super::progress::note;
 use crate::io::{check_folder, check_image_path, write_bytes_atomically, write_image_with};
 use crate::{Error, Image, Result};
 
-/// Writer of a sequence: numbered files, an APNG or a GIF.
+/// Writer of a sequence: numbered files, an APNG, a GIF or an MP4.
 pub struct Animation {
     path: PathBuf,
     kind: Kind,
@@ -38,6 +40,7 @@ enum Kind {
         bytes: Shared,
     },
     Gif(Option<gif::Encoder<Vec<u8>>>),
+    Mp4(Box<Film>),
 }
 
 /// Buffer that outlives its writer.
@@ -66,13 +69,13 @@ fn number_in(name: &str) -> Option<(&str, usize, &str)> {
 }
 
 fn refused(path: &Path, found: &str, advice: String) -> Error {
-    let expected = "NAME_%04d.png (exr, pfm, npy), an .apng or a .gif for a sequence";
+    let expected = "NAME_%04d.png (exr, pfm, npy), an .mp4, an .apng or a .gif for a sequence";
     Error::format(path, "output", expected, found, advice)
 }
 
 /// Returns true if one file of this format holds many pictures.
 pub(crate) fn is_animated(path: &Path) -> bool {
-    matches!(extension(path).as_str(), "apng" | "gif")
+    matches!(extension(path).as_str(), "apng" | "gif" | "mp4")
 }
 
 fn extension(path: &Path) -> String {
@@ -84,23 +87,16 @@ impl Animation {
     /// Checks that a path can hold a sequence, before the pictures are drawn.
     ///
     /// # Errors
-    /// A name without a number that is no APNG or GIF, a video format, an absent folder.
+    /// A name without a number that is no APNG, GIF or MP4, another video format, an absent folder.
     pub fn check_path(path: &Path) -> Result<()> {
         let name = path.file_name().and_then(|name| name.to_str());
         match extension(path).as_str() {
-            "apng" | "gif" => check_folder(path),
-            "mp4" | "mov" | "mkv" | "webm" | "avi" => {
-                let stem = path.with_extension("");
-                let stem = stem.display();
-                Err(refused(
-                    path,
-                    "a film, which is not encoded here",
-                    format!(
-                        "write --out {stem}_%04d.png, then ffmpeg -framerate 25 -i {stem}_%04d.png -pix_fmt yuv420p {}",
-                        path.display()
-                    ),
-                ))
-            }
+            "apng" | "gif" | "mp4" => check_folder(path),
+            "mov" | "mkv" | "webm" | "avi" => Err(refused(
+                path,
+                "a film of another format",
+                format!("write --out {}", path.with_extension("mp4").display()),
+            )),
             _ if name.and_then(number_in).is_some() => check_image_path(path),
             _ => Err(refused(
                 path,
@@ -144,6 +140,7 @@ impl Animation {
                 repeats.map_err(|e| fault(path, &e))?;
                 Kind::Gif(Some(encoder))
             }
+            "mp4" => Kind::Mp4(Box::new(Film::new(path, size, rate.max(1))?)),
             _ => {
                 let name = path.file_name().and_then(|name| name.to_str());
                 let (before, digits, after) = name
@@ -164,7 +161,7 @@ impl Animation {
         })
     }
 
-    /// Path of the next picture; for an APNG or GIF, that of the one file.
+    /// Path of the next picture; for an APNG, GIF or MP4, that of the one file.
     fn file(&self) -> PathBuf {
         match &self.kind {
             Kind::Files {
@@ -176,7 +173,7 @@ impl Animation {
                 self.path
                     .with_file_name(format!("{before}{number:0digits$}{after}"))
             }
-            Kind::Apng { .. } | Kind::Gif(_) => self.path.clone(),
+            Kind::Apng { .. } | Kind::Gif(_) | Kind::Mp4(_) => self.path.clone(),
         }
     }
 
@@ -212,25 +209,32 @@ impl Animation {
                 let pushed = encoder.as_mut().map(|e| e.write_frame(&frame));
                 pushed.transpose().map_err(|e| fault(&file, &e))?;
             }
+            Kind::Mp4(film) => film.push(image)?,
         }
         self.written += 1;
         Ok(())
     }
 
-    /// Writes an APNG or GIF as one complete file.
+    /// Writes an APNG, GIF or MP4 as one complete file.
     ///
     /// # Errors
     /// A file that cannot be written.
-    pub fn finish(mut self) -> Result<()> {
-        let path = self.path.clone();
-        let bytes = match &mut self.kind {
+    pub fn finish(self) -> Result<()> {
+        let path = self.path;
+        let bytes = match self.kind {
             Kind::Files { .. } => return Ok(()),
-            Kind::Apng { writer, bytes } => {
+            Kind::Mp4(film) => {
+                if film.finish()? {
+                    note!("a film has no transparency: its pictures are over black");
+                }
+                return Ok(());
+            }
+            Kind::Apng { mut writer, bytes } => {
                 let whole = writer.take().map(png::Writer::finish).transpose();
                 whole.map_err(|e| fault(&path, &e))?;
                 bytes.0.take()
             }
-            Kind::Gif(encoder) => {
+            Kind::Gif(mut encoder) => {
                 let whole = encoder.take().map(gif::Encoder::into_inner).transpose();
                 whole.map_err(|e| fault(&path, &e))?.unwrap_or_default()
             }

@@ -33,6 +33,7 @@ mod export;
 mod fewer;
 mod fewest;
 mod files;
+mod film;
 mod formats;
 mod info;
 mod info_table;

@@ -26,8 +26,8 @@ const OF_ONE: [&str; 9] = [
 #[derive(Args)]
 #[command(next_help_heading = "Sequences")]
 pub(crate) struct SequenceOptions {
-    /// N pictures of one turn around the data, all from the same distance. --out is then NAME_%04d.png, an .apng
-    /// or a .gif
+    /// N pictures of one turn around the data, all from the same distance. --out is then NAME_%04d.png, an .mp4,
+    /// an .apng or a .gif
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=100_000),
           conflicts_with_all = OF_ONE, conflicts_with_all = ["eye", "along", "window", "camera_path", "series"])]
     turntable: Option<u32>,
@@ -40,7 +40,7 @@ pub(crate) struct SequenceOptions {
     /// all
     #[arg(long, conflicts_with_all = OF_ONE)]
     series: bool,
-    /// Pictures per second of an .apng or .gif [default: 25]
+    /// Pictures per second of an .mp4, .apng or .gif [default: 25]
     #[arg(long, value_name = "F", value_parser = clap::value_parser!(u16).range(1..=100))]
     rate: Option<u16>,
 }

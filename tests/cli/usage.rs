@@ -172,7 +172,7 @@ const WRONG: &[(&str, i32, &str)] = &[
     ),
     ("render WAKE --out a.png --rate 5", 1, "--rate"),
     ("render WAKE --out a.png --turntable 4", 1, "turn_%04d.png"),
-    ("render WAKE --out a.mp4 --turntable 4", 1, "ffmpeg"),
+    ("render WAKE --out a.webm --turntable 4", 1, "a.mp4"),
     ("render WAKE --out a_%d.png --turntable 1", 2, "2..=100000"),
     (
         "render WAKE --out a_%d.png --turntable 4 --frames 3",

@@ -60,7 +60,7 @@ impl Dialogs {
             }
             Purpose::Picture | Purpose::Film => {
                 let (name, endings) = match purpose {
-                    Purpose::Film => ("film.apng", &["apng", "gif"][..]),
+                    Purpose::Film => ("film.apng", &["mp4", "apng", "gif"][..]),
                     _ => ("picture.png", &["png", "exr", "pfm", "npy"][..]),
                 };
                 let dialog = dialog.set_file_name(name).add_filter("pictures", endings);

@@ -159,7 +159,7 @@ impl Arguments {
     }
 
     /// Returns the linear background colour. The default is dark grey for pictures to look at (png,
-    /// apng, gif) and none for other formats.
+    /// apng, gif, mp4) and none for other formats.
     pub(in crate::command) fn background(&self) -> Option<[f32; 3]> {
         let is_picture = (self.is_png() || animation::is_animated(&self.out))
             && matches!(self.output.show, ShowName::Scene | ShowName::Choice);

@@ -46,7 +46,7 @@ pub(crate) fn show(app: &mut App, ui: &mut Ui) {
                 app.dialogs.ask(Purpose::Path, ui.ctx());
             }
         });
-        let tip = "The file of the animation: an .apng, a .gif, or pictures: film_%04d.png (exr, pfm, npy)\n--out FILE";
+        let tip = "The file of the animation: an .mp4, an .apng, a .gif, or pictures: film_%04d.png (exr, pfm, npy)\n--out FILE";
         row(ui, "Animation file", tip, |ui| text(ui, &mut app.path.film));
         ui.horizontal_wrapped(|ui| {
             let tip = "Draw all pictures of the path and write them; Escape cancels\n--camera-path FILE --out FILE";
