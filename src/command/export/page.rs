@@ -64,7 +64,7 @@ impl Page {
                 .write_all(&read(name)?)
                 .and_then(|()| encoder.finish());
             let bytes = bytes
-                .map_err(|e| Error::io(&folder.join(name), "packing", e, "close other programs"))?;
+                .map_err(|e| Error::io(folder.join(name), "packing", e, "close other programs"))?;
             Ok(STANDARD.encode(bytes))
         };
         let index = text("index.html")?;
