@@ -196,7 +196,10 @@ impl Track {
     fn configuration(&self) -> Result<[u8; 4]> {
         let wrong = || damaged("a sequence header of another kind");
         let (_, digits) = self.sequence.get(1..).and_then(leb128).ok_or_else(wrong)?;
-        let head = self.sequence.get(1 + digits..).and_then(|bytes| bytes.first_chunk::<4>());
+        let head = self
+            .sequence
+            .get(1 + digits..)
+            .and_then(|bytes| bytes.first_chunk::<4>());
         let bits = u32::from_be_bytes(*head.ok_or_else(wrong)?);
         // From the left: 3 bits of the profile, a still picture, a reduced header, timing, a delay of display, 5 of the
         // number of operating points, 12 of the first of these, 5 of its level, 1 of its tier.
@@ -252,7 +255,11 @@ mod tests {
         assert_eq!(after(b"mdat")[..8], 36_u64.to_be_bytes());
         assert_eq!(after(b"av1C")[..4], [0x81, 8, 0x0D, 0]);
         assert_eq!(after(b"stss")[..16], words([0, 2, 1, 3]));
-        let longer = |rate| Track { rate, samples: vec![sample(1, true); 5_000_000], ..track.clone() };
+        let longer = |rate| Track {
+            rate,
+            samples: vec![sample(1, true); 5_000_000],
+            ..track.clone()
+        };
         assert!(longer(25).head().is_err());
     }
 }

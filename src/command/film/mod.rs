@@ -68,7 +68,11 @@ impl Film {
         let [width, height] = size;
         let area = width as u64 * height as u64;
         let sides = size.map(|side| u16::try_from(side).unwrap_or(u16::MAX));
-        if size.iter().any(|side| !(SIDES[0]..=SIDES[1]).contains(side)) || area > LEVELS[7].1 {
+        if size
+            .iter()
+            .any(|side| !(SIDES[0]..=SIDES[1]).contains(side))
+            || area > LEVELS[7].1
+        {
             let expected = format!(
                 "sides of {} to {} pixels, {} pixels at most",
                 SIDES[0], SIDES[1], LEVELS[7].1

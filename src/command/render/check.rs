@@ -96,7 +96,11 @@ impl Arguments {
             Err(Error::invalid(option, "use", expected, found, advice))
         };
         if self.sequence.has_rate() && !animation::is_animated(&self.out) {
-            return fault("--rate", "an .mp4, an .apng or a .gif", "files of one picture");
+            return fault(
+                "--rate",
+                "an .mp4, an .apng or a .gif",
+                "files of one picture",
+            );
         }
         match self.sequence.is_asked_for() {
             true if self.output.stats.is_some() => {
