@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use crate::Result;
 use crate::data::up::Up;
+use crate::io::{is_gltf, read_gltf_cameras};
 use crate::view::{Bounds, Camera, read_sequence};
 use clap::Args;
 
@@ -32,7 +33,7 @@ pub(crate) struct SequenceOptions {
           conflicts_with_all = OF_ONE, conflicts_with_all = ["eye", "along", "window", "camera_path", "series"])]
     turntable: Option<u32>,
     /// Pictures along key cameras in JSON: frames, and keys with eye, target, up and fov_deg; or by all cameras of a
-    /// capture, as in --camera, or of nerfstudio's camera path
+    /// capture, as in --camera, or of nerfstudio's camera path; or an animated camera of glTF or three.js
     #[arg(long, value_name = "FILE", conflicts_with_all = OF_ONE, conflicts_with_all =
           ["eye", "target", "up", "fov", "ortho", "azimuth", "elevation", "zoom", "fit", "along", "window", "series"])]
     camera_path: Option<PathBuf>,
@@ -90,7 +91,13 @@ impl SequenceOptions {
     ) -> Result<Vec<Camera>> {
         match (&self.camera_path, self.turntable) {
             (Some(path), _) => {
-                let cameras = read_sequence(path, canvas.size, canvas.default_size)?;
+                let rate = f64::from(self.rate());
+                let cameras = if is_gltf(path) {
+                    let size = canvas.size.or(Some(canvas.default_size));
+                    read_gltf_cameras(path, size, Some(rate))?
+                } else {
+                    read_sequence(path, canvas.size, canvas.default_size, rate)?
+                };
                 if cameras.iter().any(|camera| camera.mapping.is_some()) {
                     note!("the cameras' lens distorts, the pictures do not");
                 }

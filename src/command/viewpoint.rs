@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use crate::data::up::Up;
+use crate::io::{is_gltf, read_gltf_cameras};
 use crate::view::{
     Along, Bounds, Camera, ClipPlane, DEFAULT_FOV_DEG, Lens, NamedCamera, Viewpoint, Window,
     read_cameras, sphere_around,
@@ -87,7 +88,7 @@ impl Canvas {
 #[command(next_help_heading = "Camera")]
 pub(crate) struct CameraOptions {
     /// Camera in a file: JSON with eye, target, up and fov_deg or ortho_height; transforms.json, cameras.json or COLMAP's
-    /// folder of a capture; a camera of three.js
+    /// folder of a capture; a camera of glTF or three.js
     #[arg(long, value_name = "FILE", conflicts_with_all =
           ["eye", "target", "up", "fov", "ortho", "azimuth", "elevation", "zoom", "fit"])]
     camera: Option<PathBuf>,
@@ -187,7 +188,11 @@ impl CameraOptions {
         is_bent: impl Fn(&NamedCamera) -> bool,
     ) -> Result<()> {
         if let (Some(path), None) = (&self.camera, self.read.get()) {
-            let camera = self.chosen(path, read_cameras(path, size)?)?;
+            let cameras = match is_gltf(path) {
+                true => read_gltf_cameras(path, size, None)?,
+                false => read_cameras(path, size)?,
+            };
+            let camera = self.chosen(path, cameras)?;
             if camera.mapping.is_some() && !is_bent(&camera) {
                 note!(
                     "the camera's lens distorts, the picture does not (render --projection lens)"

@@ -34,6 +34,7 @@ pub(crate) use self::folder::of_folder;
 pub use self::format::{Family, Format};
 pub(crate) use self::formats::recognise;
 pub use self::formats::{format_of, formats};
+pub(crate) use self::mesh::gltf::{is_gltf, read_gltf_cameras};
 pub(crate) use self::mesh::mesh_part::leave_out_unused;
 pub(crate) use self::mesh::polygons::triangles_with;
 pub use self::open::{has_particle_types, open, read, read_with};

@@ -20,6 +20,7 @@ pub use along::{Along, Window};
 pub use aperture::Aperture;
 pub use camera::{Camera, Projection};
 pub use camera_path::{CameraPath, KeyCamera};
+pub(crate) use captured::{Interpolation, LensOfShot, NodeOfShot, Shot, Track, of_shots};
 pub use captured::{NamedCamera, read_camera, read_cameras, read_sequence};
 pub use clip::{ClipPlane, clip_boxes, left_of};
 pub use distortion::Distortion;

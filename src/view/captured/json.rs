@@ -1,4 +1,4 @@
-//! Reads cameras in JSON: of captures, of trained splats, of nerfstudio's paths and of three.js.
+//! Reads cameras in JSON: of captures, of trained splats, of nerfstudio's paths; [`three`] reads those of three.js.
 
 use std::path::Path;
 
@@ -6,8 +6,8 @@ use glam::{DMat3, DVec2, DVec3};
 use serde::Deserialize;
 use serde_json::Value;
 
-use super::{Distortion, Optics, Stated, fault, rotation, size_of};
-use crate::error::{Error, Result};
+use super::{Distortion, Optics, Stated, angle, fault, not_a_rotation, rotation, size_of, three};
+use crate::error::Result;
 
 /// Lens of a capture, which its frames may state anew.
 #[derive(Debug, Clone, Default, Deserialize)]
@@ -77,32 +77,10 @@ struct FramesOfPath {
     render_height: Option<f64>,
 }
 
-/// A camera of three.js.
-#[derive(Deserialize)]
-struct Three {
-    #[serde(rename = "type")]
-    kind: String,
-    name: Option<String>,
-    matrix: Vec<f64>,
-    fov: Option<f64>,
-    zoom: Option<f64>,
-    top: Option<f64>,
-    bottom: Option<f64>,
-    left: Option<f64>,
-    right: Option<f64>,
-    #[serde(rename = "filmOffset")]
-    film_offset: Option<f64>,
-    view: Option<SubView>,
-}
-
-/// A part of a larger picture.
-#[derive(Deserialize)]
-struct SubView {
-    enabled: Option<bool>,
-}
-
 /// Reads the cameras of a text; `None` if it is JSON of another kind, or no JSON.
-pub(super) fn stated(path: &Path, text: &str) -> Result<Option<Vec<Stated>>> {
+///
+/// - `rate`: pictures per second of a camera that moves; without it the camera of its first key.
+pub(super) fn stated(path: &Path, text: &str, rate: Option<f64>) -> Result<Option<Vec<Stated>>> {
     let wrong = |e: &serde_json::Error| {
         let place = format!("line {}, column {}", e.line(), e.column());
         fault(path, place, "cameras in JSON", e.to_string())
@@ -120,8 +98,8 @@ pub(super) fn stated(path: &Path, text: &str) -> Result<Option<Vec<Stated>>> {
         serde_json::from_str(text).map(|capture| of_capture(path, capture))
     } else if has("camera_path") {
         serde_json::from_str(text).map(|frames| of_path(path, frames))
-    } else if let Some(object) = value.get("object") {
-        serde_json::from_value(object.clone()).map(|three| of_three(path, &three))
+    } else if has("object") || has("tracks") {
+        Ok(three::stated(path, value, rate))
     } else {
         return Ok(None);
     };
@@ -134,15 +112,6 @@ fn pose(path: &Path, name: &str, rows: [[f64; 4]; 3]) -> Result<(DVec3, DMat3)> 
     let turned = rotation(DMat3::from_cols(column(0), column(1), column(2)), true);
     let turned = turned.ok_or_else(|| not_a_rotation(path, name, &rows))?;
     Ok((column(3), turned))
-}
-
-fn not_a_rotation(path: &Path, name: &str, rows: &dyn std::fmt::Debug) -> Error {
-    fault(
-        path,
-        format!("camera {name}"),
-        "a rotation and a position",
-        format!("{rows:?}"),
-    )
 }
 
 /// Returns the three rows of a matrix whose sixteen numbers are stored by rows or by columns.
@@ -165,20 +134,6 @@ fn rows_of(path: &Path, name: &str, numbers: &[f64], by_columns: bool) -> Result
             }
         })
     }))
-}
-
-/// Returns the angle in radians if it is one of a field of view.
-fn angle(path: &Path, name: &str, radians: f64) -> Result<f64> {
-    if radians > 0.0 && radians < std::f64::consts::PI {
-        return Ok(radians);
-    }
-    let expected = "a field of view above 0 and below 180 degrees";
-    Err(fault(
-        path,
-        format!("camera {name}"),
-        expected,
-        format!("{} degrees", radians.to_degrees()),
-    ))
 }
 
 impl Lens {
@@ -401,51 +356,4 @@ fn of_path(path: &Path, frames: FramesOfPath) -> Result<Vec<Stated>> {
         })
     });
     cameras.collect()
-}
-
-fn of_three(path: &Path, three: &Three) -> Result<Vec<Stated>> {
-    let name = three.name.clone().unwrap_or_else(|| "0".into());
-    let zoom = three.zoom.unwrap_or(1.0);
-    let is_part = three
-        .view
-        .as_ref()
-        .is_some_and(|view| view.enabled == Some(true));
-    let middle = |a: Option<f64>, b: Option<f64>| a.zip(b).map_or(0.0, |(a, b)| a + b);
-    let off = middle(three.left, three.right).abs() + middle(three.top, three.bottom).abs();
-    let size = three
-        .top
-        .zip(three.bottom)
-        .map_or(1.0, |(a, b)| (a - b).abs());
-    if is_part || off > 1e-6 * size || three.film_offset.is_some_and(|offset| offset != 0.0) {
-        let expected = "a camera whose axis is in the middle of the picture";
-        return Err(fault(
-            path,
-            "object",
-            expected,
-            "a view, a film's offset or a frustum beside the axis",
-        ));
-    }
-    let optics = match (three.kind.as_str(), three.fov, three.top.zip(three.bottom)) {
-        ("PerspectiveCamera", Some(fov), _) => {
-            let half = angle(path, &name, fov.to_radians())? / 2.0;
-            Optics::Vertical(angle(path, &name, 2.0 * (half.tan() / zoom).atan())?, None)
-        }
-        ("OrthographicCamera", _, Some((top, bottom))) => {
-            Optics::Orthographic((top - bottom) / zoom)
-        }
-        (other, ..) => {
-            let expected =
-                "a PerspectiveCamera with fov, or an OrthographicCamera with top and bottom";
-            return Err(fault(path, "object", expected, other));
-        }
-    };
-    let rows = rows_of(path, &name, &three.matrix, true)?;
-    let (eye, camera_from_world) = pose(path, &name, rows)?;
-    Ok(vec![Stated {
-        name,
-        eye,
-        camera_from_world,
-        optics,
-        distortion: None,
-    }])
 }

@@ -6,13 +6,16 @@
 //! | `images.bin` or `images.txt` with `cameras.*` beside it, or their folder | COLMAP | one a picture, by name | right, down, forward |
 //! | `cameras.json` (an array with `position` and `rotation`) | the reference trainer of splats | one a picture, by name | right, down, forward |
 //! | a camera path (`camera_path` with `camera_to_world`) | nerfstudio's viewer | one a frame | right, up, backward |
-//! | a camera (`object` with `matrix`) | three.js, `toJSON` | one | right, up, backward |
+//! | a camera or a scene (`object` with `matrix`) | three.js, `toJSON` | one an object | right, up, backward |
+//! | an `AnimationClip` (`tracks`), alone or in a scene's `animations` | three.js, `toJSON` | one that moves | right, up, backward |
 //! | a camera (`eye`) | this library: [`read_camera`] | one | |
 //!
 //! Each camera is a pinhole's, and the mapping of its lens stands beside it if that bends the picture.
 
 mod colmap;
 mod json;
+mod moving;
+mod three;
 
 use std::fs::read_to_string;
 use std::path::Path;
@@ -25,6 +28,7 @@ use super::camera_path::CameraPath;
 use super::distortion::Distortion;
 use super::panorama::Mapping;
 use crate::error::{Error, Place, Result};
+pub(crate) use moving::{Interpolation, LensOfShot, NodeOfShot, Shot, Track, of_shots};
 
 /// A camera with its name in the file.
 #[derive(Debug, Clone)]
@@ -91,7 +95,7 @@ const DEFAULT_SIZE: [usize; 2] = [1024, 1024];
 /// A file that cannot be read, is damaged or has no camera; a lens that is no pinhole's; numbers that are not finite, or no
 /// rotation.
 pub fn read_cameras(path: &Path, size: Option<[usize; 2]>) -> Result<Vec<NamedCamera>> {
-    match contents(path, "opening the camera")? {
+    match contents(path, "opening the camera", None)? {
         Contents::Stated(stated) => at_size(path, stated, size),
         Contents::Other(text) => Ok(vec![NamedCamera {
             name: "0".into(),
@@ -113,9 +117,11 @@ pub fn read_camera(path: &Path, size: Option<[usize; 2]>) -> Result<Camera> {
         .ok_or_else(|| no_camera(path))
 }
 
-/// Reads the cameras of a sequence of pictures: those of a [`CameraPath`], or all of a file as [`read_cameras`].
+/// Reads the cameras of a sequence of pictures: those of a [`CameraPath`], all of a file as [`read_cameras`], or those of the
+/// first camera that moves, from its first key to its last.
 ///
 /// - `size`: width and height of the pictures; without it those of the first camera, or `default`.
+/// - `rate`: pictures per second of a camera that moves.
 ///
 /// # Errors
 /// The errors of [`read_cameras`] and of [`CameraPath::read`].
@@ -123,8 +129,9 @@ pub fn read_sequence(
     path: &Path,
     size: Option<[usize; 2]>,
     default: [usize; 2],
+    rate: f64,
 ) -> Result<Vec<NamedCamera>> {
-    match contents(path, "opening the camera path")? {
+    match contents(path, "opening the camera path", Some(rate))? {
         Contents::Stated(stated) => {
             let first = stated.first().and_then(|first| first.optics.size());
             let cameras = at_size(path, stated, Some(size.or(first).unwrap_or(default)))?;
@@ -158,13 +165,13 @@ enum Contents {
     Other(String),
 }
 
-fn contents(path: &Path, doing: &'static str) -> Result<Contents> {
+fn contents(path: &Path, doing: &'static str, rate: Option<f64>) -> Result<Contents> {
     if let Some(model) = colmap::model_of(path) {
         return Ok(Contents::Stated(model.read()?));
     }
     let text = read_to_string(path).map_err(|e| Error::io(path, doing, e, "check the path"))?;
     crate::opened::note(path);
-    Ok(match json::stated(path, &text)? {
+    Ok(match json::stated(path, &text, rate)? {
         Some(stated) => Contents::Stated(stated),
         None => Contents::Other(text),
     })
@@ -277,6 +284,29 @@ fn rotation(axes: DMat3, is_gl: bool) -> Option<DMat3> {
         let exact = DQuat::from_mat3(&own).normalize();
         DMat3::from_quat(exact).transpose()
     })
+}
+
+fn not_a_rotation(path: &Path, name: &str, rows: &dyn std::fmt::Debug) -> Error {
+    fault(
+        path,
+        format!("camera {name}"),
+        "a rotation and a position",
+        format!("{rows:?}"),
+    )
+}
+
+/// Returns the angle in radians if it is one of a field of view.
+fn angle(path: &Path, name: &str, radians: f64) -> Result<f64> {
+    if radians > 0.0 && radians < std::f64::consts::PI {
+        return Ok(radians);
+    }
+    let expected = "a field of view above 0 and below 180 degrees";
+    Err(fault(
+        path,
+        format!("camera {name}"),
+        expected,
+        format!("{} degrees", radians.to_degrees()),
+    ))
 }
 
 /// Returns a size of whole pixels.
@@ -472,12 +502,12 @@ mod tests {
         let named = read_cameras(&path("a.json"), None).unwrap().remove(0);
         assert_eq!(named.mapping, Some(Mapping::Equirectangular));
         assert_eq!([named.camera.width, named.camera.height], [64, 32]);
-        assert!(read_sequence(&path("a.json"), None, DEFAULT_SIZE).is_err());
+        assert!(read_sequence(&path("a.json"), None, DEFAULT_SIZE, 25.0).is_err());
     }
 
     #[test]
     fn a_sequence_has_pictures_of_one_size() {
-        let cameras = read_sequence(&fixture("text"), None, DEFAULT_SIZE).unwrap();
+        let cameras = read_sequence(&fixture("text"), None, DEFAULT_SIZE, 25.0).unwrap();
         assert!(
             cameras
                 .iter()
@@ -485,13 +515,13 @@ mod tests {
         );
         let at = cameras[1].camera.project(POINT).unwrap();
         assert!(at.distance(DVec2::from(TWO) * 1.25) < 1e-6);
-        let cameras = read_sequence(&fixture("blender.json"), None, [64, 48]).unwrap();
+        let cameras = read_sequence(&fixture("blender.json"), None, [64, 48], 25.0).unwrap();
         assert_eq!(
             [cameras[0].camera.width, cameras[0].camera.height],
             [64, 48]
         );
         // A picture of another shape is not stretched: the whole capture lies in its middle.
-        let wide = read_sequence(&fixture("text"), Some([1280, 480]), DEFAULT_SIZE).unwrap();
+        let wide = read_sequence(&fixture("text"), Some([1280, 480]), DEFAULT_SIZE, 25.0).unwrap();
         let at = wide[1].camera.project(POINT).unwrap();
         assert!(at.distance(DVec2::from(TWO) + DVec2::new(320.0, 0.0)) < 1e-6);
     }

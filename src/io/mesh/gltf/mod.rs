@@ -18,6 +18,7 @@
 //! Parts that are not drawn may contain anything ([`document`]). All drawn parts are checked before they are used.
 
 mod accessor;
+mod cameras;
 mod container;
 mod document;
 #[cfg(feature = "draco")]
@@ -37,6 +38,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 pub(in crate::io) use accessor::{ANY_NUMBERS, Accessor, ComponentType, Type};
+pub(crate) use cameras::{is_gltf, read_gltf_cameras};
 pub(crate) use container::looks_like;
 pub(in crate::io) use container::{Buffers, split};
 pub(in crate::io) use document::{Document, Object};

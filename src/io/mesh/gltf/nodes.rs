@@ -10,8 +10,8 @@ use crate::error::Result;
 /// Node of the scene graph.
 pub(in crate::io) struct Node<'b> {
     pub(in crate::io) world_from_node: DAffine3,
-    object: Object<'b>,
-    children: Vec<usize>,
+    pub(super) object: Object<'b>,
+    pub(super) children: Vec<usize>,
 }
 
 impl<'b> Node<'b> {
@@ -135,7 +135,8 @@ fn shown(buffers: &Buffers<'_>, all: &[Node<'_>], has_parent: &[bool]) -> Result
     Ok(shown)
 }
 
-fn parent_from_node(buffers: &Buffers<'_>, node: Object<'_>) -> Result<DAffine3> {
+/// Returns the transform that a node states.
+pub(super) fn parent_from_node(buffers: &Buffers<'_>, node: Object<'_>) -> Result<DAffine3> {
     if let Some(matrix) = node.numbers::<16>("matrix")? {
         let matrix = DMat4::from_cols_array(&matrix);
         return affine(matrix).ok_or_else(|| {
