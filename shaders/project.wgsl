@@ -227,8 +227,8 @@ fn splat_footprint(
     }
     let depth = peak.image.tau * peak.image.enlargement * meeting(crowding);
     let radius = cutoff_radius(depth, 1.0, view.tolerance, view.cutoff);
-    // The limits of a rule hold for splats in focus.
-    let rule = select(SPLAT_RULE, SPLAT_EXACT, view.aperture > 0.0);
+    // The limits of a rule are those of sharp splats.
+    let rule = select(SPLAT_RULE, SPLAT_EXACT, defocus(view, kernel) > SPLAT_LOW_PASS_PX2);
     let r = peak_reach(rule, peak.image.tau, radius);
     if r < 0.0 {
         return out;

@@ -36,6 +36,11 @@ pub(crate) struct EditOptions {
 }
 
 impl EditOptions {
+    /// Returns true if any input is turned.
+    pub(crate) fn turns(&self) -> bool {
+        !self.rotate.is_empty()
+    }
+
     /// Returns the edits of each of `count` inputs.
     ///
     /// # Errors

@@ -12,13 +12,13 @@ pub(crate) fn is_vector(field: &Field) -> bool {
     field.association == Association::Nodes && matches!(field.arrays().len(), 2 | 3)
 }
 
-/// Returns where an error on vectors is.
+/// Returns the place that an error on vectors names.
 pub(crate) fn place(what: &str, name: &str) -> String {
     format!("{what} `{}`", name.chars().take(60).collect::<String>())
 }
 
-/// Returns the vectors of the field of this name, ignoring case, or of three scalars, given as `NAME,NAME,NAME`. Vectors of two
-/// components have z = 0.
+/// Returns the vectors of the field of this name, ignoring case. Vectors of two components have
+/// z = 0.
 ///
 /// - `what`: the use of the vectors, for errors.
 ///
@@ -35,12 +35,6 @@ pub(crate) fn vectors(dataset: &Dataset, what: &str, name: &str) -> Result<Vec<D
         return Ok((0..count)
             .map(|i| DVec3::new(at(x, i), at(y, i), at(z, i)))
             .collect());
-    }
-    if let ([x, y, z], None) = (
-        name.split(',').collect::<Vec<_>>().as_slice(),
-        named().next(),
-    ) {
-        return of_scalars(dataset, what, name, [x, y, z]);
     }
     let found = match named().next() {
         None => "no field of that name".to_owned(),
@@ -62,7 +56,7 @@ pub(crate) fn vectors(dataset: &Dataset, what: &str, name: &str) -> Result<Vec<D
         false => format!("a vector field at points: one of {}", names.join(", ")),
     };
     let advice = match names.is_empty() {
-        true => "name three scalars, with commas between them, or leave it out",
+        true => "leave it out",
         false => "name one of these",
     };
     Err(Error::format(
@@ -74,12 +68,15 @@ pub(crate) fn vectors(dataset: &Dataset, what: &str, name: &str) -> Result<Vec<D
     ))
 }
 
-fn of_scalars(
-    dataset: &Dataset,
-    what: &str,
-    name: &str,
-    components: [&str; 3],
-) -> Result<Vec<DVec3>> {
+/// Returns the vectors of a field, or of three scalars, given as `NAME,NAME,NAME`.
+///
+/// # Errors
+/// The errors of [`vectors`]; no scalars of these names at points.
+pub(crate) fn vectors_or_scalars(dataset: &Dataset, what: &str, name: &str) -> Result<Vec<DVec3>> {
+    let components: Vec<&str> = name.split(',').collect();
+    if components.len() != 3 {
+        return vectors(dataset, what, name);
+    }
     let mut columns = Vec::with_capacity(3);
     for component in components {
         let (association, values) = dataset.scalar(component.trim())?;

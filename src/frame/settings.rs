@@ -7,6 +7,7 @@ use glam::DVec3;
 use super::backdrop::Backdrop;
 use crate::constants::{COLUMN_CUTOFF, DEFAULT_LOW_PASS_VARIANCE_PX2, DEFAULT_TOLERANCE};
 use crate::data::smoothing::SphKernel;
+use crate::error::{Error, Result};
 use crate::scene::{Classification, Lighting};
 use crate::simd::SimdLevel;
 use crate::splat::{Filter, PIXEL_VARIANCE_PX2, is_of_pixels};
@@ -147,6 +148,22 @@ impl Settings {
             && self.filter == Filter::Adaptive
             && self.advanced.thresholds.is_none()
             && !self.composite.accumulate().cuts_slabs()
+    }
+
+    /// Refuses an aperture for what is drawn with all depths in focus.
+    ///
+    /// - `what`: the use of the picture, for the error.
+    pub(crate) fn refuse_aperture(&self, what: &'static str) -> Result<()> {
+        match self.aperture {
+            None => Ok(()),
+            Some(_) => Err(Error::invalid(
+                what,
+                "settings",
+                "all depths in focus",
+                "an aperture",
+                "leave the aperture out",
+            )),
+        }
     }
 
     /// Returns whether slabs are classified by their mean values: if [`Self::classify`] says so, and for

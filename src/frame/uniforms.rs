@@ -20,7 +20,8 @@ pub(crate) struct Reach {
 
 impl Reach {
     /// Returns the reach of a low-pass filter, and of an opening of the lens. The disc of a point at depth z is
-    /// f |1/focus - 1/z| times the opening's in pixels: less than the sum of f/focus and of the opening itself, at z.
+    /// f |1/focus - 1/z| times the opening's in pixels: less than the sum of f/focus and of the opening itself, at z. The depths of a kernel
+    /// around the eye add as much as its own depth does, at most.
     pub(crate) fn new(
         camera: &Camera,
         low_pass_variance_px2: f32,
@@ -33,7 +34,7 @@ impl Reach {
         });
         Self {
             px: cutoff * f64::from(low_pass_variance_px2).sqrt().hypot(far_px),
-            world: cutoff * opening,
+            world: cutoff * opening * std::f64::consts::SQRT_2,
         }
     }
 }

@@ -6,7 +6,7 @@
 //! costs about a hundredth of its time.
 
 use crate::constants::TILE_SIZE;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::image::Image;
 use crate::measure::variants::accurate;
 use crate::render::{Renderer, Settings};
@@ -67,15 +67,7 @@ impl ErrorSample {
     /// # Errors
     /// The errors of [`Renderer::render`]; an aperture, whose error is that of the number of its pictures.
     pub fn draw(renderer: &mut Renderer, camera: &Camera, settings: &Settings) -> Result<Self> {
-        if settings.aperture.is_some() {
-            return Err(Error::invalid(
-                "settings",
-                "measured error",
-                "all depths in focus",
-                "an aperture",
-                "leave one of the two out",
-            ));
-        }
+        settings.refuse_aperture("measured error")?;
         let settings = Settings {
             depth: false,
             normals: false,

@@ -87,9 +87,7 @@ impl Renderer {
         if let Composite::Maximum { .. } = settings.composite {
             return refuse("a composite of what lies along the rays", "a maximum");
         }
-        if settings.aperture.is_some() {
-            return refuse("all depths in focus", "an aperture");
-        }
+        settings.refuse_aperture("deep image")?;
         if self.blends_encoded(settings) {
             return refuse(
                 "light that is composited linearly",

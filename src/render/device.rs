@@ -52,8 +52,9 @@ impl Renderer {
     /// ```
     ///
     /// # Errors
-    /// The errors of [`Renderer::render`].
+    /// The errors of [`Renderer::render`]; an aperture, which takes several pictures.
     pub async fn render_async(&mut self, camera: &Camera, settings: &Settings) -> Result<&Image> {
+        settings.refuse_aperture("picture without waiting")?;
         let level = self.chosen(camera, settings)?;
         let drawn = self.at_level(level).render_samples_async(camera, settings);
         drawn.await?;
@@ -150,7 +151,7 @@ impl Renderer {
     /// ```
     ///
     /// # Errors
-    /// The errors of [`Renderer::render`]; a texture of another size, format or kind, or of another device; a
+    /// The errors of [`Renderer::render`]; an aperture; a texture of another size, format or kind, or of another device; a
     /// renderer that draws on the CPU. Nothing falls back to the CPU.
     pub fn render_to_texture(
         &mut self,
@@ -172,6 +173,7 @@ impl Renderer {
         settings: &Settings,
         texture: &wgpu::Texture,
     ) -> Result<()> {
+        settings.refuse_aperture("picture in a texture")?;
         if self.device.is_none() {
             return Err(no_device());
         }

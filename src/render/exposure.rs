@@ -19,8 +19,8 @@ impl Renderer {
     /// - `cameras`: at equal intervals of time, with one size of picture. Their number replaces that of the aperture's pictures.
     ///
     /// # Errors
-    /// The errors of [`Renderer::render`]; no camera; cameras of several sizes; depths, normals, counts, or a backdrop; an
-    /// aperture with a single picture of opaque surfaces; ranks.
+    /// The errors of [`Renderer::render`]; no camera; cameras of several sizes. Of several cameras, or with an aperture: depths, normals,
+    /// counts, a backdrop, ranks. An aperture with a single picture of opaque surfaces.
     pub fn render_exposure(&mut self, cameras: &[Camera], settings: &Settings) -> Result<&Image> {
         self.expose(cameras, settings, None)?;
         Ok(&self.images.image)
@@ -114,8 +114,8 @@ impl Renderer {
     }
 }
 
-/// Returns the numbers below `count` in an order that is uneven nowhere: by the golden ratio. Times of an exposure thereby
-/// meet parts of an aperture in no order.
+/// Returns the numbers below `count` in a low-discrepancy order, by the golden ratio, so that each span of an exposure's time sees all
+/// of the aperture.
 fn scattered(count: usize) -> impl Iterator<Item = usize> {
     const GOLDEN_RATIO: f64 = 0.618_033_988_749_894_9;
     let place = |i: &usize| (*i as f64 * GOLDEN_RATIO).fract();

@@ -79,9 +79,7 @@ impl Renderer {
         if settings.backdrop.is_some() {
             return refuse("nothing in the picture yet", "a backdrop");
         }
-        if settings.aperture.is_some() {
-            return refuse("all depths in focus", "an aperture");
-        }
+        settings.refuse_aperture("panorama")?;
         if settings.show == Show::Count {
             return refuse("the scene", "counts");
         }

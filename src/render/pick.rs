@@ -105,6 +105,7 @@ impl Renderer {
             depth: false,
             normals: false,
             lighting: None,
+            aperture: None,
             ..settings.clone()
         };
         let camera = Camera {

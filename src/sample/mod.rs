@@ -58,7 +58,7 @@ use crate::data::first_order::{is_of_higher_order, to_first_order};
 use crate::error::{Error, Place, Result};
 #[cfg(feature = "prepared")]
 use crate::math::ExactSum;
-use crate::scene::Values;
+use crate::scene::{Particles, Values};
 
 pub(crate) use self::cells::duals::turned;
 pub(crate) use self::cells::incidence::CellsAround;
@@ -315,6 +315,11 @@ pub fn volume(dataset: Dataset, options: &SampleOptions) -> Result<Sampled> {
     self::field::local_models::complete(&mut sampled.volume, groups, options)?;
     if options.motion.is_some() {
         self::points::streaks::draw_out(&mut sampled, &ways)?;
+        if let (Some(periodic), Particles::Anisotropic { positions, .. }) =
+            (&options.periodic, &mut sampled.volume.particles)
+        {
+            self::points::periodic::wrap(positions, periodic);
+        }
     }
     if let Some(periodic) = &options.periodic {
         self::points::periodic::add_images(&mut sampled, periodic)?;

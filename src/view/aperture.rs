@@ -11,9 +11,9 @@ const MOST_PICTURES: usize = 4096;
 /// The opening of a thin lens: a disc around the eye, across the camera's axis. Points at the focus are sharp, others are seen as
 /// discs.
 ///
-/// A part of the opening is drawn as one picture, in which each kernel has the variance of its disc, a Gaussian. Optical depths
-/// are blurred thereby, so what is opaque and out of focus grows. Several pictures, of parts of the opening, are averaged
-/// as light is. The discs of a part fall with the root of their number.
+/// A part of the opening is drawn as one picture, in which each kernel has the variance of its disc, a Gaussian. It blurs optical
+/// depths, so opaque objects out of focus look too large. Several pictures, of parts of the opening, are averaged
+/// as light is. The discs of n parts are smaller by the root of n.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Aperture {
     /// Diameter of the opening, world units.

@@ -4,7 +4,7 @@ use glam::{DMat3, DQuat};
 
 use super::camera::Camera;
 
-/// Angle below which a turn is taken for none, radians: the axis of its screw would be beyond 1e6 times the way.
+/// Least rotation that is treated as a screw, radians. The axes of lesser ones are farther away than f64 resolves.
 const LEAST_TURN: f64 = 1e-6;
 
 impl Camera {

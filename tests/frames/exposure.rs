@@ -181,6 +181,15 @@ fn splats_out_of_focus_keep_their_opacity_times_area() {
             cutoff: Some(6.0),
             ..through(0.4, pictures)
         };
+        let sharp = Settings {
+            aperture: None,
+            ..settings(1)
+        };
+        let mut tiny = settings(1);
+        tiny.aperture.as_mut().unwrap().diameter = 1e-6;
+        let own = std::slice::from_ref(&splat);
+        let pictures = [sharp, tiny].map(|settings| draw(own, &eye(), &settings));
+        assert!(difference(&pictures[0], &pictures[1]) < 1e-6, "{rule:?}");
         let points = moments(&draw(std::slice::from_ref(&splat), &eye(), &settings(400)));
         let one = moments(&draw(&[splat], &eye(), &settings(1)));
         assert!(

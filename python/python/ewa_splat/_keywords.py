@@ -87,7 +87,7 @@ class Drawing(TypedDict, total=False):
     shadow_softness    size of the lights, 0 to 15 degrees (a standard deviation); implies `shadows`
     aperture           diameter of the lens's opening, world units; takes `focus`, the depth that is sharp
     focus              depth in focus, world units along the direction of view
-    exposures          pictures of parts of the opening that are averaged (16)
+    exposures          pictures of parts of the opening that are averaged (16; 64 suits opaque surfaces)
     blend              "auto", "encoded" or "linear": the space in which colours are composited
     order              "auto", "distance" or "depth": the order in which kernels hide one another
     clip               planes (nx, ny, nz, d) that keep nx x + ny y + nz z + d >= 0, or boxes (x0, y0, z0, x1, y1, z1)

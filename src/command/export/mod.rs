@@ -32,11 +32,11 @@ use crate::load::Input;
 use crate::opened;
 use crate::{Error, Result};
 
-/// What a page shows.
+/// Contents of a page.
 struct Contents {
     files: Vec<Embedded>,
     view: Value,
-    /// What kernels or splats lose against the data; null for data as they are.
+    /// Differences from the data after merging; null for data as they are.
     merged: Value,
 }
 

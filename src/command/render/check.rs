@@ -44,7 +44,8 @@ impl Arguments {
         if let Some(lighting) = self.lighting() {
             lighting.validate()?;
         }
-        self.exposure.check(self.sequence.moves_camera())?;
+        self.exposure
+            .check(self.sequence.moves_camera(), self.data.edits.turns())?;
         self.check_slice()?;
         self.check_legend()?;
         self.annotations.check(self.numbers())?;
@@ -299,6 +300,7 @@ impl Arguments {
             ("--cut-faces", self.cut.cut_faces),
             ("--column-mean", self.method.column_mean.is_some()),
             ("--periodic", self.periodic.is_some()),
+            ("--velocity", self.exposure.motion().is_some()),
         ];
         refuse_beside(&scene.prepared, &refused)?;
         self.method.check_use(&scene.volumes)?;

@@ -65,9 +65,9 @@ impl Arguments {
             return Err(Error::invalid(
                 "--aperture",
                 "focus",
-                "something in front of the eye",
-                "its middle behind the eye",
-                "say the depth that is in focus by --focus",
+                "a target, or data, in front of the eye",
+                "none, or one behind the eye",
+                "state the depth in focus by --focus",
             ));
         };
         Ok(Some(Aperture {

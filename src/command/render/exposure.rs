@@ -34,36 +34,48 @@ const SHARP: [&str; 14] = [
 #[derive(Args)]
 #[command(next_help_heading = "Lens and shutter")]
 pub(in crate::command) struct ExposureOptions {
-    /// Diameter of the lens's opening, world units: what is nearer or farther than --focus is blurred
+    /// Blur what is out of focus: diameter of the lens's opening, world units
     #[arg(long, value_name = "D", value_parser = parse::positive, conflicts_with_all = SHARP)]
     aperture: Option<f64>,
-    /// Depth that is in focus, world units along the direction of view [default: that of --target, or of the middle of
-    /// what is shown]
+    /// Depth in focus, world units along the direction of view [default: that of --target, or of the middle of the data]
     #[arg(long, value_name = "D", value_parser = parse::positive, requires = "aperture")]
     focus: Option<f64>,
-    /// Time that the shutter is open: for --velocity in the unit of the data's time, for a --turntable or a --camera-path
-    /// in pictures of the sequence
-    #[arg(long, value_name = "T", value_parser = parse::positive, conflicts_with_all = SHARP, conflicts_with = "series")]
+    /// Blur motion in this time: for --velocity a length over a velocity of the data, for --turntable and --camera-path in
+    /// pictures of the sequence
+    #[arg(long, value_name = "T", value_parser = parse::positive, conflicts_with_all = SHARP, conflicts_with_all = ["series", "stereo"])]
     shutter: Option<f64>,
-    /// Vector field by which particles move while the shutter is open
-    #[arg(long, value_name = "NAME", requires = "shutter",
+    /// Move particles by this vector field, or by three scalars, while the shutter is open
+    #[arg(long, value_name = "NAME|X,Y,Z", requires = "shutter",
           conflicts_with_all = ["turntable", "camera_path", "flatten", "surface"])]
     velocity: Option<String>,
-    /// Pictures that are averaged, of parts of the lens and of the shutter's time [default: 16; of opaque surfaces through
-    /// a lens 64, of a camera that moves 32]
+    /// Average this many pictures [default: 16; opaque surfaces 64; moving cameras 32]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
     exposures: Option<u16>,
 }
 
 impl ExposureOptions {
-    /// Refuses a shutter that nothing moves behind, and a number of pictures of nothing that is blurred.
+    /// Refuses `--shutter` without motion, and `--exposures` without blur.
     ///
     /// - `camera_moves`: whether the cameras of a sequence follow a path.
-    pub(super) fn check(&self, camera_moves: bool) -> Result<()> {
+    /// - `turns`: whether inputs are turned, and vector fields with them.
+    pub(super) fn check(&self, camera_moves: bool, turns: bool) -> Result<()> {
         let fault = |option: &'static str, expected: &str| {
             let advice = "leave it out";
             Err(Error::invalid(option, "use", expected, "none", advice))
         };
+        let is_of_scalars = self
+            .velocity
+            .as_ref()
+            .is_some_and(|name| name.contains(','));
+        if turns && is_of_scalars {
+            return Err(Error::invalid(
+                "--velocity",
+                "use",
+                "a vector field beside --rotate, which turns vectors",
+                "three scalars",
+                "leave --rotate out, and move the camera",
+            ));
+        }
         let moves = self.shutter.is_some() && camera_moves;
         if self.shutter.is_some() && !camera_moves && self.velocity.is_none() {
             return fault(

@@ -14,10 +14,10 @@ use crate::record::{
 };
 use crate::scene::SplatRule;
 use crate::splat::{
-    Edges, Filter, ImageKernel, Kernel, ScreenFactor, SurfelFootprint, budget::CUTOFF_SHARE,
-    choose_exact, cutoff_radius, cutoff_share, depth_terms, edge_growth, exact_extent,
-    half_line_terms, meeting, near_surfel, near_terms, peak_footprint, peak_reach, project_kernel,
-    surfel_footprint,
+    Edges, Filter, ImageKernel, Kernel, SPLAT_LOW_PASS_PX2, ScreenFactor, SurfelFootprint,
+    budget::CUTOFF_SHARE, choose_exact, cutoff_radius, cutoff_share, defocus, depth_terms,
+    edge_growth, exact_extent, half_line_terms, meeting, near_surfel, near_terms, peak_footprint,
+    peak_reach, project_kernel, surfel_footprint,
 };
 
 /// Returns the key of the depth, or of the distance |B + o| = |B| + o.(2B + o)/(|B + o| + |B|): the block's own key, which
@@ -92,8 +92,8 @@ pub(super) fn splat_footprint(
     };
     let depth = image.tau * image.enlargement * meeting(crowding);
     let r = cutoff_radius(depth, 1.0, view.tolerance, view.cutoff);
-    // The limits of a rule hold for splats in focus.
-    let rule = if view.aperture > 0.0 {
+    // The limits of a rule are those of sharp splats.
+    let rule = if defocus(view, kernel) > SPLAT_LOW_PASS_PX2 {
         SplatRule::Exact
     } else {
         rule

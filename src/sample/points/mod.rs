@@ -37,7 +37,7 @@ use super::left_out::LeftOut;
 use crate::constants::DEFAULT_KERNEL_WIDTH;
 use crate::data::colour_columns::ColourNumbers;
 use crate::data::dataset::{Dataset, Geometry};
-use crate::data::vectors::vectors;
+use crate::data::vectors::vectors_or_scalars;
 use crate::error::Result;
 use crate::math::ExactSum;
 use crate::sample::field::field_choice::FieldChoice;
@@ -98,7 +98,7 @@ pub(super) fn volume(
         periodic::wrap(positions, periodic);
     }
     let ways = options.motion.as_ref().map(|motion| {
-        let ways = vectors(&dataset, "velocity", &motion.field)?;
+        let ways = vectors_or_scalars(&dataset, "velocity", &motion.field)?;
         Ok(ways.into_iter().map(|way| way * motion.time).collect())
     });
     let ways: Vec<DVec3> = ways.transpose()?.unwrap_or_default();

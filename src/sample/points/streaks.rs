@@ -1,16 +1,18 @@
-//! Draws particles out along their ways while a shutter is open.
+//! Elongates particles along their paths while a shutter is open.
 //!
-//! A kernel that moves by d at an even pace has the mean of the density along its way: its mass, on a line of length L = |d|. The line is
-//! n kernels at steps h, drawn out to a standard deviation s = .6 h along it, the width at which kernels of a lattice add up evenly. The second
+//! A kernel that moves by d at an even pace has the mean of the density along its path: its mass, on a line of length L = |d|. The line is
+//! n kernels at steps h, elongated to a standard deviation s = .6 h along it, the width at which kernels of a lattice add up evenly. The second
 //! moments are those of the line, (n² - 1) h²/12 + s² = L²/12, so h = L / sqrt(n² + 3.32). The fourth cumulants differ by
 //! L⁴/120 (1 - (n⁴ - 1)/(n² + 3.32)²). The first term of an Edgeworth series makes that an error at the middle of a kernel of the
-//! deviation S along the way, of (L/S)⁴/960 times the same factor of the peak; n is the least number for which it is below
+//! deviation S along the path, of (L/S)⁴/960 times the same factor of the peak; n is the least number for which it is below
 //! [`MOST_ERROR`].
 
 use glam::{DMat3, DVec3};
+use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::math::{factor_of_variance, lower_factor, narrowed};
+use crate::memory::left;
 use crate::sample::positions::index_u32;
 use crate::sample::sampled::Sampled;
 use crate::scene::{Particles, PointVolume, StrengthIn};
@@ -39,10 +41,24 @@ fn step(n: u32) -> f64 {
     (n * n - 1.0 + 12.0 * WIDTH * WIDTH).sqrt().recip()
 }
 
+/// Returns the length of a path in deviations of the kernel that goes it: that of y with L y = path. Infinite if the kernel is
+/// flat, and the path leads out of its plane.
+///
+/// - `lower`: the kernel's lower-triangular factor L.
+fn deviations([l00, l10, l11, l20, l21, l22]: [f64; 6], path: DVec3) -> f64 {
+    let over = |x: f64, l: f64| if x == 0.0 { 0.0 } else { x / l };
+    let x = over(path.x, l00);
+    let y = over(path.y - l10 * x, l11);
+    let z = over(path.z - l20 * x - l21 * y, l22);
+    DVec3::new(x, y, z).length()
+}
+
 /// Returns the number of parts of a streak.
 ///
-/// - `slenderness`: its length over its standard deviation along itself.
-fn parts(slenderness: f64) -> u32 {
+/// - `length`: its length in deviations of the kernel.
+fn parts(length: f64) -> u32 {
+    // Length over the deviation of the streak along itself.
+    let slenderness = (length.powi(-2) + 1.0 / 12.0).sqrt().recip();
     let error = |n: u32| {
         let (square, step) = (f64::from(n) * f64::from(n), step(n));
         let kept = (square * square - 1.0) * step.powi(4);
@@ -62,6 +78,16 @@ fn parts(slenderness: f64) -> u32 {
 pub(in crate::sample) fn draw_out(sampled: &mut Sampled, ways: &[DVec3]) -> Result<()> {
     let Sampled { volume, report } = sampled;
     let count = volume.particles.len().min(ways.len());
+    let parts_of = |i: usize| match ways[i].length() {
+        length if length > 0.0 && length.is_finite() => {
+            let lower = lower_factor(volume.particles.shape(i).1);
+            parts(deviations(lower, ways[i]))
+        }
+        _ => 1,
+    };
+    let numbers: Vec<u32> = (0..count).into_par_iter().map(parts_of).collect();
+    let kernels: u64 = numbers.iter().map(|n| u64::from(*n)).sum();
+    check_room(kernels)?;
     let mut sources: Vec<u32> = Vec::with_capacity(count);
     let mut positions = Vec::with_capacity(count);
     let mut factors = Vec::with_capacity(count);
@@ -79,16 +105,11 @@ pub(in crate::sample) fn draw_out(sampled: &mut Sampled, ways: &[DVec3]) -> Resu
             let [x, y, z] = [v.x_axis, v.y_axis, v.z_axis];
             factor_of_variance([x.x, x.y, x.z, y.y, y.z, z.z])
         };
-        let direction = *way / length;
-        let sigma2 = direction.dot(own * direction) + length * length / 12.0;
-        let n = if moves {
-            parts(length / sigma2.sqrt())
-        } else {
-            1
-        };
+        let lower = lower_factor(factor);
+        let n = numbers[i];
         let shape = if moves { drawn(n) } else { None };
         let n = if shape.is_some() { n } else { 1 };
-        let shape = shape.unwrap_or_else(|| lower_factor(factor));
+        let shape = shape.unwrap_or(lower);
         for part in 0..n {
             let place = (f64::from(part) - 0.5 * f64::from(n - 1)) * step(n);
             sources.push(index_u32(i));
@@ -99,15 +120,6 @@ pub(in crate::sample) fn draw_out(sampled: &mut Sampled, ways: &[DVec3]) -> Resu
             });
             factors.push(shape.map(narrowed));
             shares.push(1.0 / n as f32);
-        }
-        if u32::try_from(sources.len()).is_err() {
-            return Err(Error::invalid(
-                "shutter",
-                "kernels",
-                "at most 4,294,967,295",
-                "more, as long streaks have several each",
-                "shorten the time, or render a part of the data",
-            ));
         }
     }
     volume.local_models = None;
@@ -121,6 +133,23 @@ pub(in crate::sample) fn draw_out(sampled: &mut Sampled, ways: &[DVec3]) -> Resu
     report.particle_count = sources.len();
     volume.particles = Particles::Anisotropic { positions, factors };
     Ok(())
+}
+
+/// Refuses more kernels than can be counted, or than the memory has room for.
+fn check_room(kernels: u64) -> Result<()> {
+    // Position, factor, share, source and columns, while they are made.
+    const BYTES: u64 = 128;
+    let (least, what) = left().unwrap_or((u64::MAX, ""));
+    if kernels <= u64::from(u32::MAX) && kernels.saturating_mul(BYTES) <= least {
+        return Ok(());
+    }
+    Err(Error::invalid(
+        "shutter",
+        "kernels",
+        format!("at most 4,294,967,295, and {BYTES} bytes for each; {what} {least}"),
+        format!("{kernels}, as long streaks have up to {MOST_PARTS}"),
+        "shorten the time, or render a part of the data",
+    ))
 }
 
 /// Divides the masses of particles among their parts.
@@ -149,7 +178,21 @@ mod tests {
         }
         // A short way keeps one kernel; a line needs the most that there are.
         assert_eq!(parts(1.0), 1);
-        assert_eq!(parts(12.0_f64.sqrt()), MOST_PARTS);
+        assert_eq!(parts(f64::INFINITY), MOST_PARTS);
+    }
+
+    #[test]
+    fn paths_across_flat_kernels_are_long() {
+        // Deviations of 1 and .05, the narrow one tilted by 45 degrees; the path leads across.
+        let axes = DMat3::from_rotation_z(std::f64::consts::FRAC_PI_4);
+        let factor = |thin: f64| axes * DMat3::from_diagonal(DVec3::new(1.0, thin, 1.0));
+        let across = axes * DVec3::Y;
+        let length = |thin, path| deviations(lower_factor(factor(thin)), path);
+        assert!((length(0.05, across * 0.9) - 18.0).abs() < 1e-9);
+        assert!((length(0.05, axes * DVec3::X * 0.9) - 0.9).abs() < 1e-9);
+        // Along x alone, most of the way is across the sheet.
+        assert!(length(0.05, DVec3::X * 0.9) > 12.0);
+        assert!(parts(length(1e-300, across)) == MOST_PARTS);
     }
 
     /// Profile of a kernel of unit deviation on a way of length `length`, at `x`: the mean of the Gaussian over the way.
@@ -167,7 +210,7 @@ mod tests {
     #[test]
     fn streaks_are_means_over_the_way() {
         for length in [0.3, 1.0, 2.0, 4.0, 8.0, 20.0, 60.0] {
-            let n = parts(length / (1.0 + length * length / 12.0_f64).sqrt());
+            let n = parts(length);
             let step = length * step(n);
             let sigma = (1.0 + (WIDTH * step).powi(2)).sqrt();
             let drawn = |x: f64| -> f64 {
