@@ -15,6 +15,7 @@ mod columns;
 mod commands;
 mod defaults;
 mod edits;
+mod films;
 mod formats;
 #[cfg(feature = "gpu")]
 mod gpu;
