@@ -16,6 +16,7 @@ mod commands;
 mod defaults;
 mod edits;
 mod export;
+mod films;
 mod formats;
 #[cfg(feature = "gpu")]
 mod gpu;

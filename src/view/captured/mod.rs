@@ -526,6 +526,85 @@ mod tests {
         assert!(at.distance(DVec2::from(TWO) + DVec2::new(320.0, 0.0)) < 1e-6);
     }
 
+    /// Cameras of three.js that move, and the pixels to which three.js 0.187 projects the point in pictures of 640 x 480, four a
+    /// second, by its ObjectLoader and AnimationMixer.
+    #[test]
+    fn cameras_move_as_in_three_js() {
+        let scene = [
+            [348.175_1, 410.055_57],
+            [331.744_26, 393.401_27],
+            [322.245_1, 376.116_7],
+            [318.515_11, 358.572_97],
+            [319.607_02, 341.035_56],
+            [328.083_6, 310.969_43],
+            [330.194_96, 264.896_52],
+            [335.034_93, 244.037_27],
+            [339.600_96, 222.024_68],
+        ];
+        let clip = [
+            [401.265_53, 294.177_02],
+            [412.669_54, 295.984_15],
+            [432.099_31, 295.924_34],
+            [458.088_63, 295.279_68],
+            [489.757_63, 294.960_84],
+        ];
+        for (name, pixels) in [
+            ("moving_scene.json", &scene[..]),
+            ("moving_clip.json", &clip[..]),
+        ] {
+            let path = fixture(name);
+            let cameras = read_sequence(&path, None, [640, 480], 4.0).unwrap();
+            assert_eq!(cameras.len(), pixels.len(), "{name}");
+            for (own, pixel) in cameras.iter().zip(pixels) {
+                let at = own.camera.project(POINT).unwrap();
+                // three.js interpolates in f32.
+                let distance = at.distance(DVec2::from(*pixel));
+                assert!(distance < 1e-3, "{name}, {}: {at}", own.name);
+            }
+            let first = read_cameras(&path, Some([640, 480])).unwrap();
+            assert_eq!(first.len(), 1);
+            let at = first[0].camera.project(POINT).unwrap();
+            assert!(at.distance(DVec2::from(pixels[0])) < 1e-3, "{name}");
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("a.json");
+        let read = |text: &[u8]| {
+            std::fs::write(&file, text).unwrap();
+            let still = read_cameras(&file, None).is_ok();
+            still && read_sequence(&file, None, DEFAULT_SIZE, 25.0).is_ok()
+        };
+        let bare = |name: &str| -> String {
+            let text = std::fs::read_to_string(fixture(name)).unwrap();
+            text.split_whitespace().collect()
+        };
+        let (scene, clip) = (bare("moving_scene.json"), bare("moving_clip.json"));
+        for (good, old, new) in [
+            (
+                &clip,
+                "\"name\":\".position\"",
+                "\"name\":\"other.position\"",
+            ),
+            (&clip, "\"times\":[0,1]", "\"times\":[1,0]"),
+            (&clip, "\"times\":[0,1]", "\"times\":[0,1,2]"),
+            (&clip, "\"times\":[0,1]", "\"times\":[0,1e9]"),
+            (&clip, "[0,0,2,", "[0,0,1e999,"),
+            (&scene, "PerspectiveCamera", "CubeCamera"),
+            (&scene, "\"interpolation\":2300", "\"interpolation\":2302"),
+            (&scene, "\"fov\":40", "\"fov\":0"),
+        ] {
+            assert!(read(good.as_bytes()) && good.contains(old), "{old}");
+            assert!(!read(good.replace(old, new).as_bytes()), "{new}");
+        }
+        for good in [&scene, &clip] {
+            for at in (0..good.len()).step_by(3) {
+                let mut bytes = good.clone().into_bytes();
+                let _ = read(&bytes[..at]);
+                bytes[at] ^= 0x15;
+                let _ = read(&bytes);
+            }
+        }
+    }
+
     #[test]
     fn damaged_cameras_are_one_error() {
         let folder = tempfile::tempdir().unwrap();

@@ -260,3 +260,91 @@ impl<'b> Scene<'b> {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{DVec2, DVec3};
+
+    fn fixture() -> std::path::PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/cameras/moving.gltf")
+    }
+
+    /// A point, and the pixels to which three.js 0.187 projects it in pictures of 640 x 480, four a second: its GLTFLoader
+    /// and AnimationMixer move the camera, and the angle of view is set to .8 + .2 (t - .5) radians by hand.
+    const POINT: DVec3 = DVec3::new(0.3, -0.2, 0.1);
+    const PIXELS: [[f64; 2]; 7] = [
+        [350.13562, 359.41616],
+        [323.13182, 324.46553],
+        [311.1091, 295.49973],
+        [313.61815, 238.63081],
+        [304.53269, 187.06487],
+        [294.76356, 149.34734],
+        [332.21218, 127.49303],
+    ];
+
+    #[test]
+    fn a_camera_moves_as_in_three_js() {
+        let path = fixture();
+        assert!(is_gltf(&path));
+        let cameras = read_gltf_cameras(&path, Some([640, 480]), Some(4.0)).unwrap();
+        assert_eq!(cameras.len(), PIXELS.len());
+        for (i, (own, pixel)) in cameras.iter().zip(PIXELS).enumerate() {
+            let at = own.camera.project(POINT).unwrap();
+            // three.js takes rotations of 16 bits as they are, whose lengths differ from 1 by 3e-5: of 100 pixels, 3e-3.
+            assert!(at.distance(DVec2::from(pixel)) < 5e-3, "{i}: {at}");
+        }
+        // Without a rate each camera stands at its first key.
+        let still = read_gltf_cameras(&path, Some([640, 480]), None).unwrap();
+        let names: Vec<&str> = still.iter().map(|own| own.name.as_str()).collect();
+        assert_eq!(names, ["eye", "still"]);
+        let at = still[0].camera.project(POINT).unwrap();
+        assert!(at.distance(DVec2::from(PIXELS[0])) < 5e-3);
+        // Half of the height is 1.5: 160 pixels are a unit.
+        assert!((still[1].camera.focal_px.y - 160.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn damaged_cameras_are_one_error() {
+        let good = std::fs::read_to_string(fixture()).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.gltf");
+        let read = |text: &[u8]| {
+            std::fs::write(&path, text).unwrap();
+            let still = read_gltf_cameras(&path, None, None).is_ok();
+            still && read_gltf_cameras(&path, None, Some(25.0)).is_ok()
+        };
+        assert!(read(good.as_bytes()));
+        let bare = good.split_whitespace().collect::<String>();
+        assert!(read(bare.as_bytes()));
+        for (old, new) in [
+            ("\"camera\":0", "\"camera\":7"),
+            ("\"perspective\":{", "\"other\":{"),
+            ("\"ymag\":1.5", "\"ymag\":0"),
+            ("\"sampler\":1", "\"sampler\":9"),
+            ("CUBICSPLINE", "LINEAR"),
+            ("\"STEP\"", "\"SMOOTH\""),
+            ("\"output\":3", "\"output\":99"),
+            ("\"scale\":[2,2,2]", "\"scale\":[2,0,2]"),
+            ("\"scale\":[2,2,2]", "\"scale\":[2,9,2]"),
+            ("\"children\":[1,2]", "\"children\":[0]"),
+            ("\"camera\":", "\"cam\":"),
+        ] {
+            assert!(bare.contains(old), "{old}");
+            assert!(!read(bare.replace(old, new).as_bytes()), "{new}");
+        }
+        // Four hours take too many pictures.
+        let keys = [0.5_f32, 1.0, 2.0].map(f32::to_le_bytes).concat();
+        let long = [0.5_f32, 1.0, 14_400.0].map(f32::to_le_bytes).concat();
+        use base64::Engine;
+        let base64 = base64::engine::general_purpose::STANDARD;
+        let (keys, long) = (base64.encode(keys), base64.encode(long));
+        assert!(bare.contains(&keys) && !read(bare.replace(&keys, &long).as_bytes()));
+        for at in (0..bare.len()).step_by(3) {
+            let mut bytes = bare.clone().into_bytes();
+            let _ = read(&bytes[..at]);
+            bytes[at] ^= 0x15;
+            let _ = read(&bytes);
+        }
+    }
+}

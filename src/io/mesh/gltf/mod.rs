@@ -15,6 +15,8 @@
 //! | those in [`OF_LIGHT`] | ignored: they change no colour or shape |
 //! | others | ignored with a note; refused by name if the file requires them |
 //!
+//! [`cameras`] reads the cameras and what moves them.
+//!
 //! Parts that are not drawn may contain anything ([`document`]). All drawn parts are checked before they are used.
 
 mod accessor;
