@@ -154,7 +154,8 @@ fn a_tiny_opening_is_a_point() {
     }
 }
 
-/// A lone splat of a radiance field keeps the sum of its opacity, by every rule.
+/// A lone splat of a radiance field keeps the sum of its opacity, by every rule. Rules end sharp splats, at three deviations or at an
+/// opacity of 1/255: a twentieth of their variance lies beyond.
 #[test]
 fn splats_out_of_focus_keep_their_opacity_times_area() {
     for rule in [
@@ -197,7 +198,7 @@ fn splats_out_of_focus_keep_their_opacity_times_area() {
             "{rule:?}: {one:?} {points:?}"
         );
         assert!(
-            (one.2 / points.2 - 1.0).abs() < 0.03,
+            (one.2 / points.2 - 1.0).abs() < 0.06,
             "{rule:?}: {one:?} {points:?}"
         );
     }
