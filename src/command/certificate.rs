@@ -144,9 +144,9 @@ fn pictures(mut found: Dataset, given: SplatCloud) -> Result<Value> {
     if cameras.is_empty() {
         return Ok(Value::Null);
     }
-    let of_given = drawn(&mut renderer, &cameras)?;
+    let of_given = drawn(&mut renderer, &cameras, &settings())?;
     renderer = renderer_of(found)?;
-    let of_found = drawn(&mut renderer, &cameras)?;
+    let of_found = drawn(&mut renderer, &cameras, &settings())?;
     Ok(json!({ "splats": splats, "psnr": psnr(&of_given, &of_found) }))
 }
 
@@ -190,7 +190,10 @@ fn compared(
     let given_of = |i: usize| order.get(i).copied().unwrap_or(i);
     let position = |i: usize| [given.positions[given_of(i)].distance(found.positions[i])];
     let shape = |i: usize| {
-        let [a, b] = [variance(given, given_of(i)), variance(found, i)];
+        let [a, b] = [(given, given_of(i)), (found, i)].map(|(cloud, i)| {
+            let scales = cloud.scales[i].map(f64::from);
+            variance(cloud, i, scales.into())
+        });
         let greatest = given.scales[given_of(i)].into_iter().fold(0.0, f32::max);
         let off = [
             a.x_axis - b.x_axis,
@@ -224,12 +227,10 @@ fn compared(
     })
 }
 
-/// Returns the variance of a splat.
-fn variance(cloud: &SplatCloud, i: usize) -> DMat3 {
+/// Returns the variance of a splat with these standard deviations along its axes.
+pub(super) fn variance(cloud: &SplatCloud, i: usize, scales: DVec3) -> DMat3 {
     let [w, x, y, z] = cloud.rotations[i].map(f64::from);
-    let scales = cloud.scales[i].map(f64::from);
-    let factor =
-        rotation_matrix(DQuat::from_xyzw(x, y, z, w)) * DMat3::from_diagonal(scales.into());
+    let factor = rotation_matrix(DQuat::from_xyzw(x, y, z, w)) * DMat3::from_diagonal(scales);
     factor * factor.transpose()
 }
 
@@ -258,14 +259,23 @@ pub(super) fn cameras(renderer: &Renderer, up: DVec3, azimuths_deg: &[f64]) -> V
     azimuths_deg.iter().copied().filter_map(camera).collect()
 }
 
-pub(super) fn drawn(renderer: &mut Renderer, cameras: &[Camera]) -> Result<Vec<Image>> {
-    let settings = Settings {
+/// Returns the settings of the pictures of files of splats.
+pub(super) fn settings() -> Settings {
+    Settings {
         tolerance: TOLERANCE,
         ..Settings::default()
-    };
+    }
+}
+
+/// Draws a picture by each camera.
+pub(super) fn drawn(
+    renderer: &mut Renderer,
+    cameras: &[Camera],
+    settings: &Settings,
+) -> Result<Vec<Image>> {
     let pictures = cameras
         .iter()
-        .map(|camera| renderer.render(camera, &settings).cloned());
+        .map(|camera| renderer.render(camera, settings).cloned());
     pictures.collect()
 }
 

@@ -6,7 +6,7 @@ use clap::Args;
 use glam::DVec3;
 use serde_json::{Value, json};
 
-use super::certificate::{cameras, codes, drawn, psnr, renderer_of};
+use super::certificate::{cameras, codes, drawn, psnr, renderer_of, settings};
 use super::parse;
 use crate::constants::SPLAT_FLOOR;
 use crate::data::dataset::{Dataset, Geometry};
@@ -19,7 +19,7 @@ use crate::view::Camera;
 use crate::{Error, Result};
 
 /// Share of the splats that are left by one step towards a stated error.
-const STEP: f64 = 0.8;
+pub(super) const STEP: f64 = 0.8;
 /// Directions of the compared pictures: degrees around the axis that points up.
 pub(super) const AZIMUTHS_DEG: [f64; 4] = [30.0, 120.0, 210.0, 300.0];
 
@@ -56,13 +56,13 @@ impl Pictures {
                 "pictures", "splats", expected, "none", advice,
             ));
         }
-        let images = drawn(&mut renderer, &cameras)?;
+        let images = drawn(&mut renderer, &cameras, &settings())?;
         Ok(Self { cameras, images })
     }
 
     /// Draws other splats in the same views.
     pub(super) fn again(&self, cloud: SplatCloud) -> Result<Vec<Image>> {
-        drawn(&mut renderer_of_splats(cloud)?, &self.cameras)
+        drawn(&mut renderer_of_splats(cloud)?, &self.cameras, &settings())
     }
 
     /// Summarises what pictures of fewer splats lose.
@@ -73,18 +73,34 @@ impl Pictures {
     /// The errors of drawing.
     pub(super) fn summary(&self, given: usize, cloud: &SplatCloud) -> Result<Value> {
         let images = self.again(cloud.clone())?;
-        let pairs = self.images.iter().zip(&images);
-        let flips = pairs.filter_map(|(a, b)| flip(a, b, FLIP_PIXELS_PER_DEGREE));
-        let flips: Vec<f64> = flips.collect();
-        Ok(json!({
-            "given": given,
-            "splats": cloud.positions.len(),
-            "pictures": images.len(),
-            "psnr": psnr(&self.images, &images),
-            "p999": percentile(&self.images, &images, None),
-            "flip": flips.iter().sum::<f64>() / flips.len().max(1) as f64,
-        }))
+        let mut summary = losses(&self.images, &images);
+        summary["given"] = json!(given);
+        summary["splats"] = json!(cloud.positions.len());
+        Ok(summary)
     }
+}
+
+/// Summarises what some pictures lose against others: their number, `psnr` (dB), `p999` and the mean of FLIP.
+pub(super) fn losses(given: &[Image], found: &[Image]) -> Value {
+    let pairs = given.iter().zip(found);
+    let flips = pairs.filter_map(|(a, b)| flip(a, b, FLIP_PIXELS_PER_DEGREE));
+    let flips: Vec<f64> = flips.collect();
+    json!({
+        "pictures": found.len(),
+        "psnr": psnr(given, found),
+        "p999": percentile(given, found, None),
+        "flip": flips.iter().sum::<f64>() / flips.len().max(1) as f64,
+    })
+}
+
+/// Returns a share of a count, 1 at least.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a share of a count"
+)]
+pub(super) fn share(share: f64, count: usize) -> usize {
+    ((share * count as f64) as usize).max(1)
 }
 
 fn renderer_of_splats(cloud: SplatCloud) -> Result<Renderer> {
@@ -209,13 +225,7 @@ impl FewerOptions {
         if let (Some(most), Some(pictures)) = (self.error, &pictures) {
             loop {
                 let before = cloud.positions.len();
-                #[expect(
-                    clippy::cast_possible_truncation,
-                    clippy::cast_sign_loss,
-                    reason = "a share of a count"
-                )]
-                let count = (STEP * before as f64) as usize;
-                let fewer = fewer_splats(cloud.clone(), count.max(1), None)?;
+                let fewer = fewer_splats(cloud.clone(), share(STEP, before), None)?;
                 let is_same = fewer.positions.len() == before;
                 if is_same
                     || percentile(&pictures.images, &pictures.again(fewer.clone())?, None) > most

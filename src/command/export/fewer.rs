@@ -11,21 +11,20 @@ use serde_json::{Value, json};
 
 use super::files::Embedded;
 use crate::blocks::{BlockedParticles, BlockedVolume};
-use crate::command::certificate::{cameras, psnr, renderer_of};
+use crate::command::certificate::{self, cameras, drawn, renderer_of};
 use crate::command::convert::Conversion;
-use crate::command::fewer::{AZIMUTHS_DEG, percentile};
+use crate::command::fewer::{AZIMUTHS_DEG, STEP, losses, percentile, share};
 use crate::command::render::{self, Shown};
 use crate::data::splats::SplatCloud;
 use crate::data::up::Up;
 use crate::image::{Image, linear_from_srgb};
 use crate::io::{OpenOptions, SplatFileOptions, open, write_splats};
-use crate::math::{HARMONIC_0, rotation_matrix};
-use crate::measure::{FLIP_PIXELS_PER_DEGREE, flip};
+use crate::math::HARMONIC_0;
 use crate::render::Composite;
 use crate::sample::fewer_splats;
 use crate::scene::{Lighting, StrengthIn};
 use crate::view::Camera;
-use crate::{Error, Renderer, Result, Settings};
+use crate::{Error, Result, Settings};
 
 /// Name of the file of splats. It keeps linear light, in which volumes are composited.
 const SPLATS: &str = "splats.glb";
@@ -37,8 +36,6 @@ const FLATTEST: f64 = 1.0 / 200.0;
 const MOST_OPAQUE: f32 = 0.99999;
 /// Pixels along a side of the picture of the page's view.
 const SIDE: usize = 512;
-/// Share of the splats that are left by one step towards a stated error.
-const STEP: f64 = 0.8;
 /// Share of the room that a try aims at, as packing differs.
 const AIM: f64 = 0.98;
 /// Greatest number of tries to reach a size.
@@ -168,36 +165,17 @@ pub(super) fn fewer(
             written = pictures.written(&cloud)?;
         }
     }
-    let flips = pictures.images.iter().zip(&written.images);
-    let flips: Vec<f64> = flips
-        .filter_map(|(a, b)| flip(a, b, FLIP_PIXELS_PER_DEGREE))
-        .collect();
-    let summary = json!({
-        "kind": if of_kernels { "kernels" } else { "splats" },
-        "given": given,
-        "count": cloud.positions.len(),
-        "pictures": pictures.images.len(),
-        "psnr": psnr(&pictures.images, &written.images),
-        "p999": pictures.error(&written),
-        "flip": flips.iter().sum::<f64>() / flips.len().max(1) as f64,
-        "of_all": of_all,
-        "notes": converted.notes,
-    });
+    let mut summary = losses(&pictures.images, &written.images);
+    summary["kind"] = json!(if of_kernels { "kernels" } else { "splats" });
+    summary["given"] = json!(given);
+    summary["count"] = json!(cloud.positions.len());
+    summary["of_all"] = json!(of_all);
+    summary["notes"] = json!(converted.notes);
     Ok(Merged {
         file: written.file,
         turn: written.turn,
         summary,
     })
-}
-
-/// Returns a share of a count, 1 at least.
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "a share of a count"
-)]
-fn share(share: f64, count: usize) -> usize {
-    ((share * count as f64) as usize).max(1)
 }
 
 impl<'a> Pictures<'a> {
@@ -279,13 +257,6 @@ impl<'a> Pictures<'a> {
     }
 }
 
-fn drawn(renderer: &mut Renderer, cameras: &[Camera], settings: &Settings) -> Result<Vec<Image>> {
-    let images = cameras
-        .iter()
-        .map(|camera| renderer.render(camera, settings).cloned());
-    images.collect()
-}
-
 /// Returns true if kernels of a volume absorb light, and are no splats that state opacities.
 fn is_absorbing(volume: &BlockedVolume) -> bool {
     let is_flat = matches!(volume.particles, BlockedParticles::Surfels { .. });
@@ -294,11 +265,9 @@ fn is_absorbing(volume: &BlockedVolume) -> bool {
 
 /// Returns the variance of a kernel. None is so flat that the digits of a table could make it none.
 fn variance(cloud: &SplatCloud, i: usize) -> DMat3 {
-    let [w, x, y, z] = cloud.rotations[i].map(f64::from);
     let scales = DVec3::from(cloud.scales[i].map(f64::from));
     let scales = scales.max(DVec3::splat(FLATTEST * scales.max_element()));
-    let factor = rotation_matrix(DQuat::from_xyzw(x, y, z, w)) * DMat3::from_diagonal(scales);
-    factor * factor.transpose()
+    certificate::variance(cloud, i, scales)
 }
 
 /// Returns kernels as a table: places, variances, opacities along the shortest axis and linear colours.

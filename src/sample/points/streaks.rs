@@ -15,7 +15,7 @@ use crate::math::{factor_of_variance, lower_factor, narrowed};
 use crate::memory::left;
 use crate::sample::positions::index_u32;
 use crate::sample::sampled::Sampled;
-use crate::scene::{Particles, PointVolume, StrengthIn};
+use crate::scene::{Particles, StrengthIn};
 
 /// Motion of particles while a shutter is open.
 #[derive(Debug, Clone, PartialEq)]
@@ -69,64 +69,82 @@ fn parts(length: f64) -> u32 {
         .unwrap_or(MOST_PARTS)
 }
 
+/// Kernels in which a particle is drawn.
+struct Streak {
+    parts: u32,
+    /// Lower-triangular factor of each.
+    factor: [f32; 6],
+}
+
+impl Streak {
+    /// Returns the kernels of a particle.
+    ///
+    /// - `factor`: that of its own kernel.
+    fn new(factor: DMat3, path: DVec3) -> Self {
+        let lower = lower_factor(factor);
+        let still = Self {
+            parts: 1,
+            factor: lower.map(narrowed),
+        };
+        let length = path.length();
+        if !(length > 0.0 && length.is_finite()) {
+            return still;
+        }
+        let parts = parts(deviations(lower, path));
+        let along = path * (step(parts) * WIDTH);
+        let own = factor * factor.transpose();
+        let v = own + DMat3::from_cols(along * along.x, along * along.y, along * along.z);
+        let [x, y, z] = [v.x_axis, v.y_axis, v.z_axis];
+        let factor = factor_of_variance([x.x, x.y, x.z, y.y, y.z, z.z]);
+        factor.map_or(still, |factor| Self {
+            parts,
+            factor: factor.map(narrowed),
+        })
+    }
+}
+
 /// Replaces particles by those of their streaks. Local models are left out: their kernels are others.
 ///
-/// - `ways`: the ways of the particles, world units; particles whose ways are not finite stay still.
+/// - `paths`: of the particles, world units; particles whose paths are not finite stay still.
 ///
 /// # Errors
-/// More kernels than can be counted.
-pub(in crate::sample) fn draw_out(sampled: &mut Sampled, ways: &[DVec3]) -> Result<()> {
+/// More kernels than can be counted, or than the memory has room for.
+pub(in crate::sample) fn draw_out(sampled: &mut Sampled, paths: &[DVec3]) -> Result<()> {
     let Sampled { volume, report } = sampled;
-    let count = volume.particles.len().min(ways.len());
-    let parts_of = |i: usize| match ways[i].length() {
-        length if length > 0.0 && length.is_finite() => {
-            let lower = lower_factor(volume.particles.shape(i).1);
-            parts(deviations(lower, ways[i]))
-        }
-        _ => 1,
-    };
-    let numbers: Vec<u32> = (0..count).into_par_iter().map(parts_of).collect();
-    let kernels: u64 = numbers.iter().map(|n| u64::from(*n)).sum();
-    check_room(kernels)?;
+    let count = volume.particles.len().min(paths.len());
+    let particles = &volume.particles;
+    let streak = |i: usize| Streak::new(particles.shape(i).1, paths[i]);
+    let streaks: Vec<Streak> = (0..count).into_par_iter().map(streak).collect();
+    check_room(streaks.iter().map(|own| u64::from(own.parts)).sum())?;
     let mut sources: Vec<u32> = Vec::with_capacity(count);
     let mut positions = Vec::with_capacity(count);
     let mut factors = Vec::with_capacity(count);
-    let mut shares = Vec::with_capacity(count);
-    let mut still = 0;
-    for (i, way) in ways.iter().enumerate().take(count) {
-        let (position, factor, _) = volume.particles.shape(i);
-        let length = way.length();
-        let own = factor * factor.transpose();
-        let moves = length > 0.0 && length.is_finite();
-        still += usize::from(!length.is_finite());
-        let drawn = |n: u32| {
-            let along = *way * (step(n) * WIDTH);
-            let v = own + DMat3::from_cols(along * along.x, along * along.y, along * along.z);
-            let [x, y, z] = [v.x_axis, v.y_axis, v.z_axis];
-            factor_of_variance([x.x, x.y, x.z, y.y, y.z, z.z])
-        };
-        let lower = lower_factor(factor);
-        let n = numbers[i];
-        let shape = if moves { drawn(n) } else { None };
-        let n = if shape.is_some() { n } else { 1 };
-        let shape = shape.unwrap_or(lower);
+    for (i, (streak, path)) in streaks.iter().zip(paths).enumerate() {
+        let (position, _, _) = volume.particles.shape(i);
+        let n = streak.parts;
         for part in 0..n {
             let place = (f64::from(part) - 0.5 * f64::from(n - 1)) * step(n);
             sources.push(index_u32(i));
-            positions.push(if moves {
-                position + *way * place
-            } else {
-                position
+            // A path that is not finite has one part.
+            positions.push(match n {
+                1 => position,
+                _ => position + *path * place,
             });
-            factors.push(shape.map(narrowed));
-            shares.push(1.0 / n as f32);
+            factors.push(streak.factor);
         }
     }
     volume.local_models = None;
     volume.gather(&sources);
-    share_out(volume, &shares);
+    if let StrengthIn::Classified { volumes: strengths } | StrengthIn::Mass(strengths) =
+        &mut volume.strength
+    {
+        for (strength, &source) in strengths.iter_mut().zip(&sources) {
+            *strength *= 1.0 / streaks[source as usize].parts as f32;
+        }
+    }
+    let still = paths.iter().filter(|path| !path.length().is_finite());
     report.note(
-        still,
+        still.count(),
         "particles",
         "have a velocity that is not finite, and stay still",
     );
@@ -150,18 +168,6 @@ fn check_room(kernels: u64) -> Result<()> {
         format!("{kernels}, as long streaks have up to {MOST_PARTS}"),
         "shorten the time, or render a part of the data",
     ))
-}
-
-/// Divides the masses of particles among their parts.
-fn share_out(volume: &mut PointVolume, shares: &[f32]) {
-    let (StrengthIn::Classified { volumes: strengths } | StrengthIn::Mass(strengths)) =
-        &mut volume.strength
-    else {
-        return;
-    };
-    for (strength, share) in strengths.iter_mut().zip(shares) {
-        *strength *= share;
-    }
 }
 
 #[cfg(test)]
